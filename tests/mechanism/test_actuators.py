@@ -4,6 +4,7 @@ Compared with MuJoCo is `qfrc_actuator` at random states, whose ctrl and forces 
 """
 
 import copy
+import pathlib
 import pickle
 
 import jax
@@ -17,6 +18,7 @@ from jaxspatial.interop import ModelFileWarning
 from jaxspatial.interop import mujoco as states
 from tests.helpers.counting import done
 from tests.helpers.interpreted import interpreted
+from tests.helpers.optional import needs
 
 BOX = js.SpatialInertia(1.0, np.array([0.1, 0.2, 0.3]), np.diag([1.0, 2.0, 2.5]))
 SERVO = {"gain": 50.0, "stiffness": 50.0, "damping": 2.0}
@@ -142,11 +144,12 @@ def mjcf(actuators, rest="", mimic=""):
         <equality>{mimic}</equality><actuator>{actuators}</actuator>{rest}</mujoco>"""
 
 
-def relative_error(text):
-    """Of tau against MuJoCo's, over some states. Of a mimic both are on the joint that is followed."""
+def relative_error(source):
+    """Of tau against MuJoCo's, over some states of a text or a model. Of mimics both are on the joints they follow."""
+    model = source if isinstance(source, mujoco.MjModel) else mujoco.MjModel.from_xml_string(source)
     with jax.enable_x64(True):
-        mech, model = js.Mechanism.from_mjcf(text, dtype=np.float64), mujoco.MjModel.from_xml_string(text)
-        actuators, data, rng = js.Actuators.from_mjcf(mech, text), mujoco.MjData(model), np.random.default_rng(0)
+        mech = js.Mechanism.from_mjcf(source, dtype=np.float64)
+        actuators, data, rng = js.Actuators.from_mjcf(mech, source), mujoco.MjData(model), np.random.default_rng(0)
         q, v = rng.standard_normal((3, mech.nq)), rng.standard_normal((3, mech.nv))
         ctrl = np.array([[0.1], [1.0], [10.0]]) * rng.standard_normal((3, len(actuators.names)))
 
@@ -167,6 +170,7 @@ def relative_error(text):
     return worst
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", range(8))
 def test_one_actuator_against_mujoco(which):
     assert relative_error(mjcf(ACTUATORS.strip().splitlines()[which])) <= 1e-12
@@ -185,6 +189,16 @@ def test_all_actuators_against_mujoco():
 def test_actuators_of_mimics_against_mujoco():
     mimic = '<joint joint1="b" joint2="a" polycoef=".3 -1.5"/>'
     assert relative_error(mjcf(ACTUATORS, mimic=mimic)) <= 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", ["humanoid/humanoid.xml", "shadow_hand/scene_right.xml"])
+@pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
+def test_models_of_others_against_mujoco(file):
+    """Servos on tendons over two joints, and motors."""
+    folder = pathlib.Path(needs("mujoco.mjx").__file__).parent / "test_data"
+    model = mujoco.MjModel.from_xml_path(str(folder / file))
+    assert model.nu > 15 and relative_error(model) <= 1e-12
 
 
 def test_names_and_numbers_of_a_file():
