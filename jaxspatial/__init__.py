@@ -113,7 +113,7 @@ from jaxspatial.dynamics.composite_bodies import mass_matrix_factor as mass_matr
 from jaxspatial.dynamics.momentum_observer import MomentumObserver as MomentumObserver
 from jaxspatial.dynamics.passive import Compliance as Compliance
 from jaxspatial.dynamics.passive import passive_forces as passive_forces
-from jaxspatial.dynamics import regressors as regressors
+from jaxspatial import regressors as regressors
 from jaxspatial.dynamics.steps import rk4_step as rk4_step
 from jaxspatial.dynamics.steps import semi_implicit_step as semi_implicit_step
 from jaxspatial.dynamics.steps import symplectic_step as symplectic_step
@@ -129,7 +129,7 @@ __version__ = _version("jaxspatial")
 # What a program that computes has no use for is imported when it is first asked for.
 if _TYPE_CHECKING:
     # random mechanisms, for tests
-    from jaxspatial.mechanism import testing as testing
+    from jaxspatial import testing as testing
 
     # objects and arrays of other libraries; accuracy and speed of one's own functions
     from jaxspatial import interop as interop
@@ -139,7 +139,7 @@ if _TYPE_CHECKING:
     from jaxspatial.measure import self_check as self_check
 
 _LATER = {
-    "testing": "jaxspatial.mechanism.testing",
+    "testing": "jaxspatial.testing",
     "interop": "jaxspatial.interop",
     "measure": "jaxspatial.measure",
     "self_check": "jaxspatial.measure",
@@ -155,5 +155,9 @@ def __getattr__(name: str) -> object:
     return getattr(module, name, module)
 
 
+# Folders, which `import` makes attributes: what of them is promised stands above.
+_FOLDERS = {"command", "contact", "dynamics", "engine", "inertia", "mechanism", "numerics", "rotation", "spatial"}
+
+
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_LATER})
+    return sorted({*globals(), *_LATER} - _FOLDERS)

@@ -123,7 +123,7 @@ def _applied(what: str, source: Any) -> list[tuple[str, AppliedForces]]:
     found: list[tuple[str, AppliedForces]] = []
     for name, F in (source or {}).items():
         check.require_kind(F, SpatialForce, f"{what}[{name!r}]")
-        vectors: list[Any] = [np.asarray(as_array(x, F.batch_shape))[..., None, :] for x in F.vectors]
+        vectors: list[Any] = [np.asarray(as_array(x, F.batch_shape))[..., None, :] for x in F._vectors]
         found.append((f"{what}[{name!r}]", AppliedForces([name], SpatialForce(*vectors))))
     return found
 
@@ -136,6 +136,6 @@ def _placed(what: str, forces: AppliedForces, R: np.ndarray, p: np.ndarray) -> t
     if forces.points is not None:
         p = p + np.einsum("nmij,nmj->nmi", R, np.broadcast_to(np.asarray(forces.points), p.shape))
     wrenches = forces.wrenches
-    parts = (np.broadcast_to(np.asarray(as_array(x, wrenches.batch_shape)), p.shape) for x in wrenches.vectors)
+    parts = (np.broadcast_to(np.asarray(as_array(x, wrenches.batch_shape)), p.shape) for x in wrenches._vectors)
     tau, f = (np.einsum("nmij,nmj->nmi", R, x) if forces.axes == "frame" else x for x in parts)
     return p, tau, f

@@ -4,6 +4,7 @@ import ast
 import pathlib
 import subprocess
 import sys
+import types
 
 import pytest
 
@@ -25,6 +26,8 @@ LAYERS = [
 ]
 # Modules above all layers but the command, which shows what they draw: users import them, with an extra of each.
 ON_TOP = ["plot", "viewer", "_drawing"]
+# Modules of public names beside the list of all.
+NAMED = ["regressors", "testing"]
 
 FLOORS = ["jax_internals", "check", "precision", "types", "errorfree", "numbers", "linear", "elimination", "sums"]
 MODULES = sorted(PACKAGE.rglob("*.py"))
@@ -57,7 +60,7 @@ def test_a_layer_says_what_it_is(layer):
 def test_imports_point_down(path):
     layer = path.relative_to(PACKAGE).parts[0].removesuffix(".py")
     assert layer in ("command", *ON_TOP) or not {name.split(".")[1] for name in _imported(path)} & {*ON_TOP}
-    if layer in ("__init__", "__main__", *ON_TOP):
+    if layer in ("__init__", "__main__", *ON_TOP, *NAMED):
         return
     for name in _imported(path):
         below = name.split(".")[1]
@@ -66,7 +69,7 @@ def test_imports_point_down(path):
 
 def test_modules_are_a_layer_or_above_all():
     modules = {path.stem for path in PACKAGE.glob("*.py")}
-    assert modules == {"__init__", "__main__", *ON_TOP}
+    assert modules == {"__init__", "__main__", *ON_TOP, *NAMED}
 
 
 def _floor(name):
@@ -107,7 +110,7 @@ def test_public_names_exist_and_are_documented():
 def test_what_no_program_needs_is_imported_when_it_is_asked_for():
     source = """
 import sys, jaxspatial
-later = ("jaxspatial.interop", "jaxspatial.measure", "jaxspatial.mechanism.testing")
+later = ("jaxspatial.interop", "jaxspatial.measure", "jaxspatial.testing")
 assert not [name for name in sys.modules if name.startswith(later)]
 assert jaxspatial.self_check is jaxspatial.measure.self_check and jaxspatial.interop.ros and jaxspatial.testing
 assert {"interop", "measure", "self_check", "shift", "testing"} <= set(dir(jaxspatial))
@@ -115,6 +118,27 @@ assert {"interop", "measure", "self_check", "shift", "testing"} <= set(dir(jaxsp
     subprocess.run([sys.executable, "-c", source], check=True)
     with pytest.raises(AttributeError, match="module 'jaxspatial' has no attribute 'missing'"):
         _ = jaxspatial.missing
+
+
+def test_no_folder_is_a_public_name():
+    """Where `js.Mechanism` is a name and `js.mechanism` a folder, who looks for one is not shown the other."""
+    shown = {name for name in dir(jaxspatial) if not name.startswith("_")}
+    modules = {name for name in shown if isinstance(getattr(jaxspatial, name), types.ModuleType)}
+    assert modules - {*ON_TOP} == {"interop", "measure", *NAMED}
+    assert "Mechanism" in shown and not {name.lower() for name in shown - modules} & modules
+
+
+@pytest.mark.parametrize("name", [*NAMED, "interop", "measure"])
+def test_public_modules_are_imported_by_their_names(name):
+    source = f"import jaxspatial.{name} as module, jaxspatial as js; assert js.{name} is module and module.__doc__"
+    subprocess.run([sys.executable, "-c", source], check=True)
+
+
+def test_what_users_do_not_call_is_private():
+    """Of the classes that they meet: what the library alone asks for begins with an underscore."""
+    inside = {"vectors", "with_vectors", "over_batch", "of_limb", "constant", "rounded", "first_data", "as_known"}
+    classes = [x for x in vars(jaxspatial).values() if isinstance(x, type)]
+    assert len(classes) > 20 and not [(x, name) for x in classes for name in inside & {*dir(x)}]
 
 
 def test_import_touches_no_global_configuration():

@@ -86,7 +86,7 @@ CONVERTERS = {
 _ALL = FUNCTIONS | METHODS | OF_PARTS | CONVERTERS | {cls.__name__: cls for cls in (*CLASSES, *PARTS, js.Compliance)}
 # What several classes inherit, once. What reads files has examples in its place.
 EXAMPLES = dict({id(x): (name, x) for name, x in _ALL.items()}.values())
-EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(urdf|mjcf)|as_known)$", name)}
+EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(urdf|mjcf)|_as_known)$", name)}
 
 
 @pytest.fixture(scope="module")

@@ -286,7 +286,7 @@ def test_colours_can_be_seen_on_white_and_on_black(color):
 
 MECH, FORCE = arm(), js.SpatialForce(np.zeros(3, FLOAT), np.ones(3, FLOAT))
 MANY = js.SpatialForce(np.zeros((2, 2, 3), FLOAT), np.ones((2, 2, 3), FLOAT))
-TWO = placed(0, 0, 0).with_vectors([np.tile(x, (2, 1)) for x in placed(0, 0, 0).vectors])
+TWO = placed(0, 0, 0)._with_vectors([np.tile(x, (2, 1)) for x in placed(0, 0, 0)._vectors])
 BODIES = MECH.inertias
 MESSAGES = [
     (lambda: plot.mechanism("robot", Q), TypeError, "plot.mechanism: expected a Mechanism first, got str"),

@@ -175,7 +175,7 @@ class _Task(NamedTuple):
         if len(self.flat) == 1:
             p_FT_F = X_WF.rotation.inverse() @ (p_WT - X_WF.translation)
             return SpatialVelocity(jnp.zeros_like(p_FT_F), p_FT_F)
-        X_WT = X_WF.with_vectors((self.flat[0].reshape(-1, 9), p_WT))
+        X_WT = X_WF._with_vectors((self.flat[0].reshape(-1, 9), p_WT))
         return X_WF.inverse_times(X_WT, precision=self.precision).log(precision=self.precision)
 
     def jacobian(self, q: Any) -> jax.Array:

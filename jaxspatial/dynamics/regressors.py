@@ -9,9 +9,6 @@ from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
-from jaxspatial.inertia.regressors import kinetic_energy_regressor as kinetic_energy_regressor
-from jaxspatial.inertia.regressors import momentum_regressor as momentum_regressor
-from jaxspatial.inertia.regressors import newton_euler_regressor as newton_euler_regressor
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics.linear import Symmetric, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import constant

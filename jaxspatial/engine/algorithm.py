@@ -119,8 +119,8 @@ def algorithm(
 def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     if not isinstance(mechanism, Mechanism):
         raise TypeError(f"{operation}: expected a Mechanism first, got {type(mechanism).__name__}")
-    if mechanism.misshapen:
-        raise ValueError(f"{operation}: mechanism: {mechanism.misshapen}")
+    if mechanism._misshapen:
+        raise ValueError(f"{operation}: mechanism: {mechanism._misshapen}")
     return mechanism
 
 
@@ -133,7 +133,7 @@ def checked(operation: str, mechanism: object, **arguments) -> tuple[Any, ...]:
     """
     mechanism = checked_mechanism(operation, mechanism)
     arrays = _arrays(operation, mechanism, {name: x for name, x in arguments.items() if x is not None})
-    data = mechanism.first_data
+    data = mechanism._first_data
     named = dict(arrays) if data is None else {**arrays, "mechanism": data}
     if "external_forces" in arguments:
         forces, arguments["external_forces"] = _external(operation, mechanism, arguments["external_forces"])
@@ -149,7 +149,7 @@ def checked(operation: str, mechanism: object, **arguments) -> tuple[Any, ...]:
 def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> dict[str, jax.Array]:
     sizes = dict.fromkeys(("q", "q0", "q1"), mechanism.nq) | dict.fromkeys(("v", "vdot", "tau"), mechanism.nv)
     # Lists of numbers take the dtype of an array beside them.
-    dtype = check.floating_dtype(*(x for name, x in arguments.items() if name in sizes), mechanism.first_data)
+    dtype = check.floating_dtype(*(x for name, x in arguments.items() if name in sizes), mechanism._first_data)
     arrays = {
         name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
         for name, x in arguments.items()
@@ -181,7 +181,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) 
         if not frames:
             return {argument: F}, ()
         n, batch = len(frames), F.wrenches.batch_shape
-        tau, f, points = (_array_or_none(x, batch, n) for x in (*F.wrenches.vectors, F.points))
+        tau, f, points = (_array_or_none(x, batch, n) for x in (*F.wrenches._vectors, F.points))
         on_frames = WrenchesOnFrames(frames, F.axes == "world", tau, f, points)
         return {argument: F}, (on_frames,)
     if not isinstance(forces, dict | None):
@@ -195,7 +195,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) 
     by_name = check.narrowed(by_name)
     wrenches: list[WrenchesOnFrames] = []
     for name, F in sorted(by_name.items(), key=lambda item: numbers[item[0]]):
-        tau, f = (_array_or_none(x, F.batch_shape) for x in F.vectors)
+        tau, f = (_array_or_none(x, F.batch_shape) for x in F._vectors)
         wrenches.append(WrenchesOnFrames((numbers[name],), True, tau, f, None))
     return {f"{argument}[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
 

@@ -91,9 +91,9 @@ class ArticulatedInertia(Additive):
 
     def __post_init__(self) -> None:
         """Checks what a caller passes. JAX rebuilds inertias without it, with whatever leaves it needs."""
-        if all(check.is_tree_mark(part) for part in self.vectors):
+        if all(check.is_tree_mark(part) for part in self._vectors):
             return
-        named = zip(self.__match_args__, self.vectors, self._items, strict=True)
+        named = zip(self.__match_args__, self._vectors, self._items, strict=True)
         parts = check.same_dtype(**{name: as_entries(x, f"ArticulatedInertia: {name}", n) for name, x, (n,) in named})
         batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in parts.items()})
         for name, part in zip(parts, check.broadcast_batch(batch, *parts.values()), strict=True):
@@ -125,7 +125,7 @@ class ArticulatedInertia(Additive):
             [2. 0. 2. 0. 0. 2.]
         """
         require_kind(M_BP_E, SpatialInertia, "from_spatial_inertia")
-        m, com, central = M_BP_E.vectors
+        m, com, central = M_BP_E._vectors
         J = parameters.about_origin(precision, Inertia(m, com, central))
         return rebuilt(cls, cls.__match_args__, (J, *_coupling_and_translational(precision, m, com)))
 
@@ -161,7 +161,9 @@ class ArticulatedInertia(Additive):
             >>> print(P.to_matrix()[3])
             [0. 0. 0. 1. 0. 0.]
         """
-        parts = to_double_word(self.vectors) if any(isinstance(x, DoubleWord) for x in self.vectors) else self.vectors
+        parts = (
+            to_double_word(self._vectors) if any(isinstance(x, DoubleWord) for x in self._vectors) else self._vectors
+        )
         joined = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
         return joined[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
 
@@ -186,7 +188,7 @@ class ArticulatedInertia(Additive):
         """
         P = check.narrowed(self)
         tolerance = 64 * check.eps(P.dtype) if tolerance is None else float(tolerance)
-        return _is_valid(None, *from_double_word(P.vectors), tolerance=tolerance)
+        return _is_valid(None, *from_double_word(P._vectors), tolerance=tolerance)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -241,7 +243,7 @@ class ArticulatedInertia(Additive):
         """
         require_kind(A_P_E, SpatialAcceleration, "ArticulatedInertia.times")
         require_compatible(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
-        return SpatialForce(*_applied(precision, *self.vectors, Motion(*A_P_E.vectors)))
+        return SpatialForce(*_applied(precision, *self._vectors, Motion(*A_P_E._vectors)))
 
     def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ P: see `jaxspatial.rotate`."""
@@ -302,22 +304,22 @@ class ArticulatedInertia(Additive):
 
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w)
-        return self.with_vectors(_shifted(precision, *self.vectors, offset(self, p_PQ_E)))
+        return self._with_vectors(_shifted(precision, *self._vectors, offset(self, p_PQ_E)))
 
     def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
         require_compatible(Rotation=R_AE, ArticulatedInertia=self)
         if is_identity(R_AE):
             return self
-        return self.with_vectors(_rotated(precision, *self.vectors, R_AE.entries))
+        return self._with_vectors(_rotated(precision, *self._vectors, R_AE.entries))
 
     def _act(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         """Rotated and shifted in one formula; errors as of the record ACT."""
         require_no_w(self, w, "act")
-        return self.with_vectors(_acted(precision, *self.vectors, Pose(*X_AB.vectors)))
+        return self._with_vectors(_acted(precision, *self._vectors, Pose(*X_AB._vectors)))
 
     def _act_inverse(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w, "act_inverse")
-        return self.with_vectors(_acted_inverse(precision, *self.vectors, Pose(*X_AB.vectors)))
+        return self._with_vectors(_acted_inverse(precision, *self._vectors, Pose(*X_AB._vectors)))
 
     def project_out(
         self, S_P_E: Motions, armature: ArrayLike = 0.0, *, precision: PrecisionName = None
@@ -378,10 +380,10 @@ def joint_projection(
     """
     motions = _motions(P_P_E, S_P_E)
     armatures = _armatures(P_P_E, armature, len(motions))
-    J, F, M, *rest = _projected(precision, *P_P_E.vectors, *armatures, *(Motion(*s.vectors) for s in motions))
+    J, F, M, *rest = _projected(precision, *P_P_E._vectors, *armatures, *(Motion(*s._vectors) for s in motions))
     U = [SpatialForce(tau, f) for tau, f in zip(rest[::3], rest[1::3], strict=True)]
     D = [d.reshape(d.shape[:-1]) for d in rest[2::3]]
-    inertia = P_P_E.with_vectors((J, F, M))
+    inertia = P_P_E._with_vectors((J, F, M))
     is_one = isinstance(S_P_E, SpatialVelocity)
     return JointProjection(inertia, U[0], D[0]) if is_one else JointProjection(inertia, U, D)
 

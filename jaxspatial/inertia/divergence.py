@@ -58,7 +58,7 @@ def bregman_divergence(M: SpatialInertia, M_prior: SpatialInertia, *, precision:
     for x in (M, M_prior):
         require_kind(x, SpatialInertia, "bregman_divergence")
     require_compatible(M=M, M_prior=M_prior)
-    return _divergence(precision, *(Inertia(*x.vectors) for x in (M, M_prior)))
+    return _divergence(precision, *(Inertia(*x._vectors) for x in (M, M_prior)))
 
 
 # With Sigma = L L^T the second moments about the centre of mass, c the centre of mass, and _0 for the prior,

@@ -942,15 +942,15 @@ class SpatialInertia(Additive):
         return self.mass, self.com, self.central
 
     @property
-    def vectors(self) -> tuple[Any, ...]:
+    def _vectors(self) -> tuple[Any, ...]:
         return expanded(self.mass), self.com, self.central
 
     @property
     def _grouped(self) -> Inertia:
         """Its arrays as formulas take them."""
-        return Inertia(*self.vectors)
+        return Inertia(*self._vectors)
 
-    def with_vectors(self, vectors: Iterable[Any]) -> Self:
+    def _with_vectors(self, vectors: Iterable[Any]) -> Self:
         mass, com, central = vectors
         return self._like(mass[..., 0], com, central)
 
@@ -997,11 +997,11 @@ class SpatialInertia(Additive):
 
     def _act(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w, "act")
-        return self._placed(_acted, precision, *X_AB.vectors)
+        return self._placed(_acted, precision, *X_AB._vectors)
 
     def _act_inverse(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w, "act_inverse")
-        return self._placed(_acted_inverse, precision, *X_AB.vectors)
+        return self._placed(_acted_inverse, precision, *X_AB._vectors)
 
     def _placed(self, function: Callable[..., list[jax.Array]], precision: PrecisionName, *pose: jax.Array) -> Self:
         """The same mass, with com and central from a formula of (*pose, com, central)."""
@@ -1056,7 +1056,7 @@ class SpatialInertia(Additive):
             came = type(motion_P_E).__name__
             raise TypeError(f"SpatialInertia @: expected a SpatialAcceleration or SpatialVelocity, got {came}")
         require_compatible(SpatialInertia=self, motion=motion_P_E)
-        return kind(*_applied(precision, self._grouped, Motion(*motion_P_E.vectors)))
+        return kind(*_applied(precision, self._grouped, Motion(*motion_P_E._vectors)))
 
     @promises(bound=ENERGY)
     def kinetic_energy(self, V_MBp_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
@@ -1086,7 +1086,7 @@ class SpatialInertia(Additive):
         require_kind(V_MBp_E, SpatialVelocity, "kinetic_energy")
         require_compatible(SpatialInertia=self, SpatialVelocity=V_MBp_E)
         energy = _energy_of_float16 if self.dtype == np.float16 else _energy
-        return energy(precision, self._grouped, Motion(*V_MBp_E.vectors))
+        return energy(precision, self._grouped, Motion(*V_MBp_E._vectors))
 
     # -- bodies put together and taken apart --------------------------------------------------------------------------
 
@@ -1202,7 +1202,7 @@ class SpatialInertia(Additive):
         place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:
             return self.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
-        moved = moved_to_last(check.narrowed_each(self.vectors), place, self.batch_shape)
+        moved = moved_to_last(check.narrowed_each(self._vectors), place, self.batch_shape)
         return self._like(*composition.composite(resolve(precision), *moved))
 
     # -- principal axes -----------------------------------------------------------------------------------------------
@@ -1340,7 +1340,7 @@ class SpatialInertia(Additive):
             >>> print(M.validity_slack() < 0)
             True
         """
-        M = Inertia(*check.narrowed_each(self.vectors))
+        M = Inertia(*check.narrowed_each(self._vectors))
         return parameters.slack(precision, M, eigen.decomposition(resolve(precision), M.central)[0])
 
     def is_physically_valid(self, tolerance: float | None = None, *, precision: PrecisionName = None) -> jax.Array:
@@ -1466,5 +1466,5 @@ def _broadcast(array, shape: tuple[int, ...]):
     if isinstance(array, DoubleWord):
         return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), array)
     if isinstance(array, check.StandIn):
-        return array.over_batch(shape[:-1])
+        return array._over_batch(shape[:-1])
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)

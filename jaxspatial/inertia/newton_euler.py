@@ -55,7 +55,7 @@ def newton_euler(
     require_kind(M_BP_E, SpatialInertia, "newton_euler", " first")
     w = angular_velocity(A_WP_E, w, "newton_euler")
     require_compatible(SpatialInertia=M_BP_E, SpatialAcceleration=A_WP_E)
-    return SpatialForce(*_newton_euler(precision, Inertia(*M_BP_E.vectors), Motion(*A_WP_E.vectors), w))
+    return SpatialForce(*_newton_euler(precision, Inertia(*M_BP_E._vectors), Motion(*A_WP_E._vectors), w))
 
 
 def angular_velocity(A: SpatialAcceleration, w: ArrayLike | SpatialVelocity, operation: str) -> jax.Array:

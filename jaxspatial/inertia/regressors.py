@@ -46,7 +46,7 @@ def newton_euler_regressor(
         10.
     """
     w = angular_velocity(A_WP_E, w, "newton_euler_regressor")
-    return _as_matrix(_of_wrench(precision, Motion(*A_WP_E.vectors), w))
+    return _as_matrix(_of_wrench(precision, Motion(*A_WP_E._vectors), w))
 
 
 def momentum_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
@@ -72,7 +72,7 @@ def momentum_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionName = No
         [ 2.  0. -1.  0.  0.  0.  0.  0.  0.  0.]
     """
     require_kind(V_WP_E, SpatialVelocity, "momentum_regressor")
-    return _as_matrix(_of_momentum(precision, Motion(*V_WP_E.vectors)))
+    return _as_matrix(_of_momentum(precision, Motion(*V_WP_E._vectors)))
 
 
 @promises(bound=ENERGY_REGRESSOR)
@@ -100,7 +100,7 @@ def kinetic_energy_regressor(V_WP_E: SpatialVelocity, *, precision: PrecisionNam
         [ 2.   0.  -2.   0.   0.   0.   0.   0.   0.   0.5]
     """
     require_kind(V_WP_E, SpatialVelocity, "kinetic_energy_regressor")
-    return _of_energy(precision, Motion(*V_WP_E.vectors))
+    return _of_energy(precision, Motion(*V_WP_E._vectors))
 
 
 def _as_matrix(entries: jax.Array) -> jax.Array:

@@ -87,7 +87,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> Any:
 
 def _parts(x: SpatialVector) -> dict[str, Any]:
     """Brax computes with arrays alone: a part that is a known zero becomes one."""
-    return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x.vectors, strict=True)}
+    return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x._vectors, strict=True)}
 
 
 def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
@@ -199,7 +199,7 @@ def to_tau(sys: Any, state: Any, wrenches: Mapping[str, SpatialForce], *, precis
         link = sys.link_names.index(name)
         F_C_W = shift(F_Bo_W, state.root_com[..., link, :] - state.x.pos[..., link, :], precision=precision)
         S_C_W = from_motion(state.cdof)
-        on_each = SpatialForce(*(part[..., None, :] for part in F_C_W.vectors))
+        on_each = SpatialForce(*(part[..., None, :] for part in F_C_W._vectors))
         total = total + jnp.where(_moves(sys, link), dot(S_C_W, on_each, precision=precision), 0)
     return total
 

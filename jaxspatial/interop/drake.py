@@ -125,7 +125,7 @@ def to_inertia(M_SP_E: SpatialInertia) -> Any:
     """
     from pydrake.multibody import tree
 
-    (mass,), com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E.vectors)
+    (mass,), com, central = (orders.single(x, "drake.to_inertia") for x in M_SP_E._vectors)
     if mass == 0 and central.any():
         raise ValueError(f"drake.to_inertia: expected no central inertia without mass, got {central} for mass 0")
     moments_and_products = orders.symmetric_to_diagonal_first(central / mass if mass else central)

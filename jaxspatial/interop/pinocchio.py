@@ -122,7 +122,7 @@ def to_inertia(M: SpatialInertia) -> Any:
 
     Pinocchio's constructor would refuse one that rounding has made a little indefinite, like that of a rod.
     """
-    mass, com, six = (orders.single(x, "pinocchio.to_inertia") for x in M.vectors)
+    mass, com, six = (orders.single(x, "pinocchio.to_inertia") for x in M._vectors)
     Y = _library().Inertia.Zero()
     Y.mass, Y.lever, Y.inertia = mass[0], com, six[np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
     return Y

@@ -75,7 +75,7 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
             new.append(poses[-1])
     placements = jax.tree.map(lambda old, *x: np.stack([*old, *x]).astype(old.dtype), places, *new)
     topology = dataclasses.replace(t, frames=tuple(named), carried_by=tuple(carried_by))
-    return dataclasses.replace(mechanism, topology=topology, frame_placements=placements).as_known()
+    return dataclasses.replace(mechanism, topology=topology, frame_placements=placements)._as_known()
 
 
 def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mechanism:
@@ -186,7 +186,7 @@ def parts(mechanism: Mechanism) -> tuple[list[Body], list[Joint], list[Frame]]:
     _require_known(mechanism)
     with in_double():
         n = len(mechanism.topology)
-        mechanism = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism.as_known())
+        mechanism = jax.tree.map(operator.methodcaller("astype", np.float64), mechanism._as_known())
         bodies, joints = [_body(mechanism, i) for i in range(n)], [_joint(mechanism, i) for i in range(n)]
         frames, names = list[Frame](), {WORLD, *mechanism.body_names}
         for k, (name, i) in enumerate(mechanism.topology.frames):

@@ -465,7 +465,7 @@ class Mechanism:
         """
         return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
 
-    def as_known(self) -> "Mechanism":
+    def _as_known(self) -> "Mechanism":
         """Makes all numbers NumPy, known while tracing: the way back from `as_data` and `as_static`.
 
         Raises:
@@ -474,7 +474,7 @@ class Mechanism:
         leaves = jax.tree.leaves(self._as_tree())
         if traced := [x for x in leaves if isinstance(x, Tracer)]:
             came = type(traced[0]).__name__
-            raise TypeError(f"Mechanism.as_known: expected numbers (NumPy or JAX arrays), got {came}, traced")
+            raise TypeError(f"Mechanism._as_known: expected numbers (NumPy or JAX arrays), got {came}, traced")
         return _read_only(jax.tree.map(np.asarray, self._as_tree()))
 
     def as_static(self) -> "StaticMechanism":
@@ -489,16 +489,16 @@ class Mechanism:
             >>> jax.tree.leaves(static), static == arm.as_static()
             ([], True)
         """
-        static = StaticMechanism(**vars(jax.tree.map(_frozen, self.as_known())))
+        static = StaticMechanism(**vars(jax.tree.map(_frozen, self._as_known())))
         return _STATIC.setdefault(static.contents, static)
 
     @functools.cached_property
-    def first_data(self) -> Any:
+    def _first_data(self) -> Any:
         """The first number that is not known, or None. Cached: every call of an algorithm asks for its dtype."""
         return next((x for x in jax.tree.leaves(self) if not isinstance(x, np.ndarray)), None)
 
     @functools.cached_property
-    def misshapen(self) -> str:
+    def _misshapen(self) -> str:
         """What is wrong with the shape of a field, "" for nothing. Cached: every call of an algorithm asks. JAX
         rebuilds mechanisms with any leaves, so nobody has checked them before."""
         for name, expected in _shapes(self.topology, self.parameters).items():
@@ -609,8 +609,8 @@ class StaticMechanism(Mechanism, ByContents):
 
     `Mechanism.as_static` makes it; equal ones are the same object while one lives. All functions take it as they take
     a Mechanism. Its numbers fold also where it is an argument of a jitted function, which need not be named static:
-    each value has a program. Gradients, optimizers, casts and checkpoints pass it by. `replace`, `as_data` and
-    `as_known` give a Mechanism with leaves. Two are equal when tree, names, dtypes and all bits of the numbers are.
+    each value has a program. Gradients, optimizers, casts and checkpoints pass it by. `replace` and `as_data`
+    give a Mechanism with leaves. Two are equal when tree, names, dtypes and all bits of the numbers are.
 
     Example:
         >>> static = arm.as_static()
@@ -628,7 +628,7 @@ class StaticMechanism(Mechanism, ByContents):
         return self.topology, (loops, tendons, self.lifts is not None, self.turn_limits is not None), arrays
 
     def __reduce__(self):
-        return Mechanism.as_static, (self.as_known(),)
+        return Mechanism.as_static, (self._as_known(),)
 
     def astype(self, dtype: DTypeLike | None) -> "StaticMechanism":
         """Converts all arrays to a dtype, JAX's default for None. The result is static too."""

@@ -63,7 +63,7 @@ class StandIn:
     def ndim(self) -> int:
         return len(self.shape)
 
-    def over_batch(self, batch_shape: _Shape) -> Any:
+    def _over_batch(self, batch_shape: _Shape) -> Any:
         """Broadcast to another batch shape."""
         shape = (*batch_shape, self.shape[-1])
         return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), self)
@@ -332,7 +332,7 @@ def broadcast_batch(batch_shape: _Shape, *arrays: Any) -> tuple[Any, ...]:
 
 def _broadcast(array: Any, batch_shape: _Shape) -> Any:
     if isinstance(array, StandIn):
-        return array.over_batch(batch_shape)
+        return array._over_batch(batch_shape)
     library = numpy_for(batch_shape) if isinstance(array, NUMPY) else jnp
     return library.broadcast_to(array, (*batch_shape, array.shape[-1]))
 

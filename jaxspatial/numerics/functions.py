@@ -90,7 +90,7 @@ def _corrected(coefficients: tuple[Fraction, ...], x: Corrected) -> Number:
     if n is None:
         return _horner(coefficients, x)
     rest = _of_data(coefficients[n:], Precision.REPRODUCIBLE)(Rounded(Precision.REPRODUCIBLE, x.value))
-    return _horner((*coefficients[:n], x.of_limb(rest.value)), x)
+    return _horner((*coefficients[:n], x._of_limb(rest.value)), x)
 
 
 def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
@@ -246,5 +246,5 @@ def log(x: Number) -> Number:
     m, e = where(is_low, 2 * m, m), jnp.where(is_low, e - 1, e)
     ratio = (m - 1) / (m + 1)
     artanh = ratio * series((Fraction(1, 2 * n + 1) for n in itertools.count()), ratio * ratio, Fraction(1, 9))
-    result = x.of_limb(e.astype(x.dtype)) * constant(x, _LN2) + 2 * artanh
+    result = x._of_limb(e.astype(x.dtype)) * constant(x, _LN2) + 2 * artanh
     return where(is_usual, result, where(high(x) == 0, -math.inf, where(high(x) > 0, x, math.nan)))

@@ -109,23 +109,23 @@ class Quantity:
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape."""
-        return check.batch_shape(*self.vectors)
+        return check.batch_shape(*self._vectors)
 
     @property
     def dtype(self) -> np.dtype[Any]:
         """The dtype of the numbers."""
-        return np.dtype(self.vectors[0].dtype)
+        return np.dtype(self._vectors[0].dtype)
 
     @property
-    def vectors(self) -> tuple[Any, ...]:
+    def _vectors(self) -> tuple[Any, ...]:
         """All that this consists of, as arrays (*batch, n): its fields, unless a kind says otherwise."""
         return tuple(getattr(self, name) for name in self.__match_args__)
 
-    def with_vectors(self, vectors: Iterable[Any]) -> typing.Self:
+    def _with_vectors(self, vectors: Iterable[Any]) -> typing.Self:
         """The same kind of quantity made of others.
 
         Args:
-            vectors: arrays as those of `vectors`, in that order; *unchecked*.
+            vectors: arrays as those of `_vectors`, in that order; *unchecked*.
 
         Returns:
             The same kind, over the batch of the arrays.
@@ -134,7 +134,7 @@ class Quantity:
 
         Example:
             >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
-            >>> F.with_vectors(-x for x in F.vectors)
+            >>> F._with_vectors(-x for x in F._vectors)
             SpatialForce(tau=[-0.0, -0.0, -3.0], f=[-1.0, -2.0, -0.0])
         """
         return rebuilt(type(self), self.__match_args__, vectors)
@@ -185,8 +185,8 @@ class Quantity:
         index = tuple(map(_narrow_index, index if isinstance(index, check.TUPLE) else (index,)))
         _require_in_range(self, index)
         # Of what consists of known numbers alone there is one for any batch.
-        items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self.vectors)
-        return self.with_vectors(items)
+        items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self._vectors)
+        return self._with_vectors(items)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> typing.NoReturn:
         """Says what to call: `np.asarray` would make an array of one object of it. `jnp.asarray` comes here, too."""
@@ -200,7 +200,7 @@ class Quantity:
         if not all(numeric):
             return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
-        parts = ([as_array(v, x.batch_shape) for v in x.vectors] for x in (a, b))
+        parts = ([as_array(v, x.batch_shape) for v in x._vectors] for x in (a, b))
         equal = (x == y for x, y in zip(*parts, strict=True))
         return functools.reduce(check.and_, [mask[..., i] for mask in equal for i in range(mask.shape[-1])])
 
@@ -291,7 +291,7 @@ def matched(a: _Kind, b: _Kind, operation: str) -> tuple[_Kind, _Kind]:
     a, b = check.same_dtype(left=a, right=b).values()
     batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
     over = functools.partial(check.broadcast_batch, batch)
-    return a.with_vectors(over(*a.vectors)), b.with_vectors(over(*b.vectors))
+    return a._with_vectors(over(*a._vectors)), b._with_vectors(over(*b._vectors))
 
 
 def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
@@ -323,8 +323,8 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
     items = list(check.same_dtype(**arguments).values())
     batch = items[0].batch_shape
     place = check.batch_axis(axis, (*batch, len(items)), "stack")
-    columns = zip(*(x.vectors for x in items), strict=True)
-    return items[0].with_vectors([_stack_of_vectors(vectors, batch, place) for vectors in columns])
+    columns = zip(*(x._vectors for x in items), strict=True)
+    return items[0]._with_vectors([_stack_of_vectors(vectors, batch, place) for vectors in columns])
 
 
 def _require_one_kind(arguments: dict[str, Any]) -> None:

@@ -93,7 +93,7 @@ class RigidTransform(Quantity):
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        if all(map(check.is_tree_mark, self.vectors)):
+        if all(map(check.is_tree_mark, self._vectors)):
             return
         require_kind(self.rotation, Rotation, "RigidTransform: rotation")
         p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
@@ -175,7 +175,7 @@ class RigidTransform(Quantity):
             [0. 0. 1.]
         """
         require_kind(V, SpatialVelocity, "RigidTransform.exp", _OVER_UNIT_TIME)
-        entries, p = _exp(precision, Motion(*V.vectors))
+        entries, p = _exp(precision, Motion(*V._vectors))
         return cls(Rotation(entries), p)
 
     # -- to other forms -----------------------------------------------------------------------------------------------
@@ -209,17 +209,17 @@ class RigidTransform(Quantity):
             >>> X_AB.log()
             SpatialVelocity(w=[0.0, 0.0, 0.0], v=[2.0, 0.0, 0.0])
         """
-        return SpatialVelocity(*_log(precision, *self.vectors))
+        return SpatialVelocity(*_log(precision, *self._vectors))
 
     @property
-    def vectors(self) -> tuple[Any, ...]:
+    def _vectors(self) -> tuple[Any, ...]:
         return getattr(self.rotation, "entries", self.rotation), self.translation
 
     @property
     def _pose(self) -> Pose:
-        return Pose(*self.vectors)
+        return Pose(*self._vectors)
 
-    def with_vectors(self, vectors: Iterable[Any]) -> "RigidTransform":
+    def _with_vectors(self, vectors: Iterable[Any]) -> "RigidTransform":
         entries, p = vectors
         R = rebuilt(Rotation, ("entries",), (entries,))
         return rebuilt(RigidTransform, ("rotation", "translation"), (R, p))
@@ -343,7 +343,7 @@ class RigidTransform(Quantity):
             [0. 1. 0. 0. 0. 1.]
         """
         require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian", _OVER_UNIT_TIME)
-        return matrices(_left_jacobian(precision, *V.vectors), 6)
+        return matrices(_left_jacobian(precision, *V._vectors), 6)
 
     @staticmethod
     @promises(bound=MOTION_JACOBIAN_INVERSE)
@@ -369,7 +369,7 @@ class RigidTransform(Quantity):
             -1.0
         """
         require_kind(V, SpatialVelocity, "RigidTransform.left_jacobian_inverse", _OVER_UNIT_TIME)
-        return matrices(_left_jacobian_inverse(precision, *V.vectors), 6)
+        return matrices(_left_jacobian_inverse(precision, *V._vectors), 6)
 
     def to_motion_matrix(self) -> jax.Array:
         """The matrix by which `act` multiplies the coefficients of a velocity: [[R, 0], [p x R, R]].

@@ -122,7 +122,7 @@ class SpatialVector(Additive):
         return cls(array[..., :3], array[..., 3:])
 
     @property
-    def vectors(self) -> tuple[Any, Any]:
+    def _vectors(self) -> tuple[Any, Any]:
         """(rotational, translational). A known zero takes the dtype of the other part, even once that is converted."""
         first, second = (parts := vars(self).values())
         if Components in map(type, parts):
@@ -132,12 +132,12 @@ class SpatialVector(Additive):
     @property
     def rotational(self) -> Any:
         """(*batch, 3) the rotational part."""
-        return self.vectors[0]
+        return self._vectors[0]
 
     @property
     def translational(self) -> Any:
         """(*batch, 3) the translational part."""
-        return self.vectors[1]
+        return self._vectors[1]
 
     def to_array(self) -> jax.Array:
         """The coefficients (*batch, 6), rotational on top; as NumPy where JAX would narrow them. Exact.
@@ -147,7 +147,7 @@ class SpatialVector(Additive):
             >>> print(F.to_array())
             [0. 0. 3. 1. 2. 0.]
         """
-        return concatenated(*self.vectors)
+        return concatenated(*self._vectors)
 
     @property
     def size(self) -> int:
@@ -165,7 +165,7 @@ class SpatialVector(Additive):
         i = operator.index(i)
         if not -6 <= i < 6:
             raise IndexError(f"{type(self).__name__}: expected a component index from -6 to 5, got {i}")
-        return self.vectors[i % 6 // 3][i % 3]
+        return self._vectors[i % 6 // 3][i % 3]
 
     def __repr__(self) -> str:
         parts = ", ".join(f"{name}={check.shown(getattr(self, name), 3)}" for name in self.__match_args__)
@@ -192,7 +192,7 @@ class SpatialVector(Additive):
 
     def __neg__(self) -> Self:
         """The negated vector, exactly."""
-        return self.with_vectors(-part for part in self.vectors)
+        return self._with_vectors(-part for part in self._vectors)
 
     def __mul__(self, scalar: Any) -> Self:
         """Times a number, or one number per vector of the batch: error <= u |x_i s| per component.
@@ -215,9 +215,9 @@ class SpatialVector(Additive):
             return NotImplemented
         x, s = check.narrowed(self), self._scalar(scalar)
         batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
-        parts = check.broadcast_batch(batch, *x.vectors)
+        parts = check.broadcast_batch(batch, *x._vectors)
         factor = s if is_known(s) else check.broadcast_batch(batch, check.expanded(s))[0]
-        return self.with_vectors(_times(operation, part, factor) for part in parts)
+        return self._with_vectors(_times(operation, part, factor) for part in parts)
 
     def _scalar(self, scalar: Any) -> Any:
         """The checked factor: a NumPy number for a Python number, or an array with one number per vector."""
@@ -227,7 +227,7 @@ class SpatialVector(Additive):
             return dtype.type(scalar)
         s = check.as_float_array(scalar, f"{kind} * or / scalar", dtype)
         check.require_same_dtype(**{kind: self, "scalar": s})
-        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self.vectors)):
+        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self._vectors)):
             raise ValueError(
                 f"{kind} * or / scalar: expected a number, or one per vector of the batch of shape {self.batch_shape}, "
                 f"got shape {s.shape}; each of them times all: jax.vmap(operator.mul, in_axes=(None, 0))(x, s)"
@@ -262,7 +262,7 @@ class SpatialVector(Additive):
             SpatialForce(tau=[0.0, 0.0, -3.0], f=[-1.0, -2.0, 0.0])
         """
         place = check.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
-        return self.with_vectors(_summed(precision, *moved_to_last(self.vectors, place, self.batch_shape)))
+        return self._with_vectors(_summed(precision, *moved_to_last(self._vectors, place, self.batch_shape)))
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -288,7 +288,7 @@ class SpatialVector(Additive):
 
     def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
         check.require_same_dtype(Rotation=R_AE, **{type(self).__name__: self})
-        return self.with_vectors(rotated_together(R_AE, *self.vectors, precision=precision))
+        return self._with_vectors(rotated_together(R_AE, *self._vectors, precision=precision))
 
     # -- comparison: masks over the batch; NaN is near nothing --------------------------------------------------------
 
@@ -314,7 +314,7 @@ class SpatialVector(Additive):
             3.0 2.0
         """
         a, b = matched(self, other, "comparison")
-        differences = (_skipping_zero(operator.sub, x, y) for x, y in zip(a.vectors, b.vectors, strict=True))
+        differences = (_skipping_zero(operator.sub, x, y) for x, y in zip(a._vectors, b._vectors, strict=True))
         rotational, translational = (from_double_word(abs(as_array(d, a.batch_shape))) for d in differences)
         return _largest(rotational), _largest(translational)
 
@@ -401,23 +401,23 @@ class SpatialForce(SpatialVector):
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
         require_no_w(self, w)
         p = offset(self, p_PQ_E)
-        return self.with_vectors(_shifted_wrench(precision, Wrench(*self.vectors), p))
+        return self._with_vectors(_shifted_wrench(precision, Wrench(*self._vectors), p))
 
     def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
         require_no_w(self, w, "act")
-        return self.with_vectors(_acted_wrench(precision, Pose(*X_AB.vectors), Wrench(*self.vectors)))
+        return self._with_vectors(_acted_wrench(precision, Pose(*X_AB._vectors), Wrench(*self._vectors)))
 
     def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
         require_no_w(self, w, "act_inverse")
-        return self.with_vectors(_inverse_acted_wrench(precision, Pose(*X_AB.vectors), Wrench(*self.vectors)))
+        return self._with_vectors(_inverse_acted_wrench(precision, Pose(*X_AB._vectors), Wrench(*self._vectors)))
 
     def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
         require_kind(other, SpatialVelocity, "dot", f" beside a {type(self).__name__}")
         require_pair(self, other)
-        return _power(precision, Wrench(*self.vectors), Motion(*other.vectors))
+        return _power(precision, Wrench(*self._vectors), Motion(*other._vectors))
 
     def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName):
-        return self.with_vectors(_crossed_wrench(precision, Motion(*V_P_E.vectors), Wrench(*self.vectors)))
+        return self._with_vectors(_crossed_wrench(precision, Motion(*V_P_E._vectors), Wrench(*self._vectors)))
 
 
 @tree
@@ -500,20 +500,20 @@ class SpatialVelocity(SpatialVector):
         require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
         p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
         require_compatible(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
-        return self.with_vectors(_composed_velocity(precision, Motion(*self.vectors), p, Motion(*V_BC_E.vectors)))
+        return self._with_vectors(_composed_velocity(precision, Motion(*self._vectors), p, Motion(*V_BC_E._vectors)))
 
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
         require_no_w(self, w)
         p = offset(self, p_PQ_E)
-        return self.with_vectors(_shifted_motion(precision, Motion(*self.vectors), p))
+        return self._with_vectors(_shifted_motion(precision, Motion(*self._vectors), p))
 
     def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
         require_no_w(self, w, "act")
-        return self.with_vectors(_acted_motion(precision, Pose(*X_AB.vectors), Motion(*self.vectors)))
+        return self._with_vectors(_acted_motion(precision, Pose(*X_AB._vectors), Motion(*self._vectors)))
 
     def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
         require_no_w(self, w, "act_inverse")
-        return self.with_vectors(_inverse_acted_motion(precision, Pose(*X_AB.vectors), Motion(*self.vectors)))
+        return self._with_vectors(_inverse_acted_motion(precision, Pose(*X_AB._vectors), Motion(*self._vectors)))
 
     def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
         if not isinstance(other, (SpatialForce, SpatialMomentum)):
@@ -521,7 +521,7 @@ class SpatialVelocity(SpatialVector):
         return other._dot(self, precision)
 
     def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName):
-        return self.with_vectors(_crossed_motion(precision, Motion(*V_P_E.vectors), Motion(*self.vectors)))
+        return self._with_vectors(_crossed_motion(precision, Motion(*V_P_E._vectors), Motion(*self._vectors)))
 
 
 @tree
@@ -591,8 +591,8 @@ class SpatialAcceleration(SpatialVector):
         p = check.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
         w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
         require_compatible(A_MB_E=self, p_BoCo_E=p, w_MB_E=w, V_BC_E=V_BC_E, A_BC_E=A_BC_E)
-        V_BC, A_BC = Motion(*V_BC_E.vectors), Motion(*A_BC_E.vectors)
-        return self.with_vectors(_composed_acceleration(precision, Motion(*self.vectors), p, w, V_BC, A_BC))
+        V_BC, A_BC = Motion(*V_BC_E._vectors), Motion(*A_BC_E._vectors)
+        return self._with_vectors(_composed_acceleration(precision, Motion(*self._vectors), p, w, V_BC, A_BC))
 
     def to_featherstone(self, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
         """Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
@@ -623,7 +623,7 @@ class SpatialAcceleration(SpatialVector):
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
         require_compatible(A_MP_E=self, V_MP_E=V_MP_E)
-        return concatenated(*_to_featherstone(precision, Motion(*self.vectors), Motion(*V_MP_E.vectors)))
+        return concatenated(*_to_featherstone(precision, Motion(*self._vectors), Motion(*V_MP_E._vectors)))
 
     @classmethod
     def from_featherstone(cls, x6: ArrayLike, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
@@ -654,20 +654,22 @@ class SpatialAcceleration(SpatialVector):
         spatial = cls.from_array(x6)
         require_compatible(x6=spatial, V_MP_E=V_MP_E)
         A = Motion(*spatial.vectors)
-        return spatial.with_vectors(_from_featherstone(precision, A, Motion(*V_MP_E.vectors)))
+        return spatial._with_vectors(_from_featherstone(precision, A, Motion(*V_MP_E._vectors)))
 
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
         w = require_w(self, w, "shift")
         p = offset(self, p_PQ_E, w=w)
-        return self.with_vectors(_shifted_acceleration(precision, Motion(*self.vectors), p, w))
+        return self._with_vectors(_shifted_acceleration(precision, Motion(*self._vectors), p, w))
 
     def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
         w = require_w(self, w, "act")
-        return self.with_vectors(_acted_acceleration(precision, Pose(*X_AB.vectors), Motion(*self.vectors), w))
+        return self._with_vectors(_acted_acceleration(precision, Pose(*X_AB._vectors), Motion(*self._vectors), w))
 
     def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
         w = require_w(self, w, "act_inverse")
-        return self.with_vectors(_inverse_acted_acceleration(precision, Pose(*X_AB.vectors), Motion(*self.vectors), w))
+        return self._with_vectors(
+            _inverse_acted_acceleration(precision, Pose(*X_AB._vectors), Motion(*self._vectors), w)
+        )
 
     _cross = SpatialVelocity._cross
 
@@ -745,7 +747,7 @@ def _times(operation: Callable[..., Any], part: Any, s: Any) -> Any:
 def part_by_part(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
     """x + y or x - y, of one kind."""
     a, b = matched(x, y, operation.__name__)
-    return a.with_vectors(_skipping_zero(operation, *parts) for parts in zip(a.vectors, b.vectors, strict=True))
+    return a._with_vectors(_skipping_zero(operation, *parts) for parts in zip(a._vectors, b._vectors, strict=True))
 
 
 def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:

@@ -111,7 +111,7 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
         2.0 [-0.5  0.   0. ]
     """
     require_kind(F_P_E, SpatialForce, "central_axis")
-    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each(F_P_E.vectors))
+    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each(F_P_E._vectors))
     return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 
@@ -190,7 +190,7 @@ def center_of_pressure(
     require_kind(F_P_E, SpatialForce, "center_of_pressure")
     normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
     batch = require_compatible(SpatialForce=F_P_E, normal=normal)
-    point = _center_of_pressure(precision, Wrench(*F_P_E.vectors), normal)
+    point = _center_of_pressure(precision, Wrench(*F_P_E._vectors), normal)
     return as_array(point, batch) if is_zero(point) else point
 
 

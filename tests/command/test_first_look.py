@@ -1,9 +1,13 @@
 """What the first look measures, and the quadruped that it is about."""
 
+import sys
+
 import numpy as np
 import pytest
 
+import jaxspatial as js
 from jaxspatial.command import algorithms, first_look, quadruped
+from jaxspatial.command.main import main
 from tests.helpers.soon import compiled_soon
 
 
@@ -33,6 +37,25 @@ def test_it_stands_until_it_is_pushed_and_stays_on_its_feet(motion):
 def test_shapes_are_on_its_links(motion):
     """The file can be shown: primitives, no meshes elsewhere."""
     assert "<mesh" not in quadruped.FILE.read_text() and set(quadruped.FEET.frames) <= set(motion[0].frame_names)
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_the_demo_is_a_recording(motion, tmp_path, monkeypatch, capsys):
+    """With the shapes of the robot, its pushes and the forces on its feet; of a shorter motion here."""
+    pytest.importorskip("viser")
+    monkeypatch.setattr(quadruped, "pushed", lambda *_: motion)
+    monkeypatch.chdir(tmp_path)
+    assert main(["demo", "--record", "push.viser"]) == 0
+    assert "recording: push.viser" in capsys.readouterr().out and (tmp_path / "push.viser").stat().st_size > 10_000
+    assert main(["demo", "--record", "push.viser"]) == 2 and "exists already" in capsys.readouterr().err
+    assert main(["demo", "--record", "push.png"]) == 2 and "ending in .html or .viser" in capsys.readouterr().err
+
+
+def test_the_demo_says_what_it_needs(monkeypatch, capsys):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    monkeypatch.delitem(sys.modules, "jaxspatial.viewer", raising=False)
+    monkeypatch.delattr(js, "viewer", raising=False)
+    assert main(["demo"]) == 2 and "pip install '.[view]'" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("k", [0, 1])

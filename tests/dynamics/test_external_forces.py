@@ -79,7 +79,7 @@ def test_sums_on_bodies_are_the_same_forces(axes):
 def test_several_sources_in_a_list_add_up():
     """As generalized forces, as sums on bodies, and in a step, whatever frames and axes each has."""
     (q, v, a), more = state(), forces(frames=("lower", "tip"))
-    parts = [forces("frame"), more, None, {"tip": js.SpatialForce(*(x[0] for x in more.wrenches.vectors))}]
+    parts = [forces("frame"), more, None, {"tip": js.SpatialForce(*(x[0] for x in more.wrenches._vectors))}]
     of = interpreted(lambda *x: js.bias_forces(arm(), q, v, *x))
     alone = of(None)
     found, expected = of(parts) - alone, sum(of(x) - alone for x in parts)

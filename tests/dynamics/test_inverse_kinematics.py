@@ -64,7 +64,7 @@ def solved(n=40):
     X_WT = js.forward_kinematics(mech, reachable, "hand")
     p = np.array(X_WT.translation)
     p[-10:] *= 1 + 1.7 / np.linalg.norm(p[-10:], axis=-1, keepdims=True)
-    X_WT = X_WT.with_vectors((X_WT.rotation.entries, p))
+    X_WT = X_WT._with_vectors((X_WT.rotation.entries, p))
     find = jax.jit(lambda q, X: js.inverse_kinematics(mech, q, "hand", X, key=KEY, starts=25))
     return mech, X_WT, start, jax.tree.map(np.asarray, find(start, X_WT))
 
@@ -118,7 +118,7 @@ def test_the_size_of_a_robot_does_not_matter():
     X_WT, start = X_WT.at_batch(slice(0, 10)), start[:10]
     found = []
     for scale in (1.0, 1024.0):
-        mech, X = arm(scale), X_WT.with_vectors((X_WT.rotation.entries, np.float32(scale) * X_WT.translation))
+        mech, X = arm(scale), X_WT._with_vectors((X_WT.rotation.entries, np.float32(scale) * X_WT.translation))
         found.append(js.inverse_kinematics(mech, start, "hand", X, distance=1e-4 * scale))
     assert (found[0].iterations == found[1].iterations).all() and 0 < found[0].is_solved.sum() < 10
     np.testing.assert_allclose(found[0].q, found[1].q, rtol=0, atol=1e-4)
@@ -163,7 +163,7 @@ def test_derivatives_follow_targets_and_lengths():
     def longer(length):
         """The arm with another distance from joint 3 to joint 4."""
         return mech.replace(
-            placements=at.with_vectors((at.rotation.entries, jnp.asarray(at.translation).at[3, 0].add(length)))
+            placements=at._with_vectors((at.rotation.entries, jnp.asarray(at.translation).at[3, 0].add(length)))
         )
 
     def configuration(p, length):

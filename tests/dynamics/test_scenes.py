@@ -86,7 +86,7 @@ def _of_scene(count, mech, name, **more):
 
 @functools.cache
 def _counted_once(count, static, name):
-    return _counted(count, static.as_known(), name)
+    return _counted(count, static._as_known(), name)
 
 
 def _counted(count, mech, name, **more):

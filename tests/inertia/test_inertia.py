@@ -157,8 +157,8 @@ def test_matrix_is_its_definition(dtype):
             V = motion(motion_, (), dtype)
             result = interpreted(lambda M, V: M @ V)(M, V)
             assert type(result) is kind and result.dtype == jnp.dtype(dtype)
-            expected = dense(M) @ np.concatenate(V.vectors).astype(np.float64)
-            found = np.concatenate(result.vectors).astype(np.float64)
+            expected = dense(M) @ np.concatenate(V._vectors).astype(np.float64)
+            found = np.concatenate(result._vectors).astype(np.float64)
             np.testing.assert_allclose(found, expected, rtol=0, atol=32 * eps)
 
 
@@ -188,10 +188,10 @@ def test_bounds_of_what_cancels(precision, dtype):
         energy, momentum = evaluated(
             precision, lambda M, V: (M.kinetic_energy(V, precision=precision), M.apply(V, precision=precision))
         )(M, V)
-        arrays = [sized(np.asarray(x)) for x in (*jax.tree.leaves(M), *V.vectors)]
+        arrays = [sized(np.asarray(x)) for x in (*jax.tree.leaves(M), *V._vectors)]
         u = error.unit_roundoff(dtype)
         _require_bound(precision, dtype, np.asarray(energy) * 2, _doubled_energy(*arrays), u, ENERGY)
-        for found, exact, bound in zip(momentum.vectors, _applied(*arrays), (TORQUE, FORCE), strict=True):
+        for found, exact, bound in zip(momentum._vectors, _applied(*arrays), (TORQUE, FORCE), strict=True):
             _require_bound(precision, dtype, np.asarray(found), exact, u, bound)
 
 

@@ -180,7 +180,7 @@ def _check_sums(computed, terms):
 
 
 def _sums(precision, how="jit vmap"):
-    return hostile.SURROUNDINGS[how](lambda p, f: js.wrench_from_point_forces(p, f, precision=precision).vectors)
+    return hostile.SURROUNDINGS[how](lambda p, f: js.wrench_from_point_forces(p, f, precision=precision)._vectors)
 
 
 @pytest.mark.parametrize("how", slow_but(["jit vmap"], hostile.SURROUNDINGS))
@@ -317,7 +317,7 @@ def test_a_hundred_shifts_there_and_back_in_double_words_are_exact(dtype, precis
     with jax.enable_x64(dtype == "float64"):
         F, offsets = _there_and_back(dtype)
         looped = jax.jit(functools.partial(_loop, js.to_double_word, js.from_double_word, precision))(F, offsets)
-        for x, y in zip(looped.vectors, F.vectors, strict=True):
+        for x, y in zip(looped._vectors, F._vectors, strict=True):
             np.testing.assert_array_equal(np.asarray(x), np.asarray(y))
 
 

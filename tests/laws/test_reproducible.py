@@ -99,7 +99,7 @@ def test_cross_of_equals_is_zero_and_cross_is_antisymmetric(dtype, context):
     w, v, x, y = _vectors(4, 1000, dtype)
     with jax.enable_x64(dtype == "float64"):
         function = CONTEXTS[context](
-            lambda *a: js.cross(js.SpatialVelocity(*a[:2]), js.SpatialVelocity(*a[2:])).vectors
+            lambda *a: js.cross(js.SpatialVelocity(*a[:2]), js.SpatialVelocity(*a[2:]))._vectors
         )
         for part in function(w, v, w.copy(), v.copy()):
             np.testing.assert_array_equal(np.asarray(part), 0)

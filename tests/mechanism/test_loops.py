@@ -36,7 +36,7 @@ KEPT = {
     "replace": lambda m: m.replace(gravity=np.zeros(3, np.float32)),
     "as_data": js.Mechanism.as_data,
     "as_static": js.Mechanism.as_static,
-    "known again": lambda m: m.as_static().as_known(),
+    "known again": lambda m: m.as_static()._as_known(),
     "pickled": lambda m: pickle.loads(pickle.dumps(m)),
     "pickled static": lambda m: pickle.loads(pickle.dumps(m.as_static())),
     "astype": lambda m: m.astype(np.float16).astype(np.float32).replace(loops=m.loops),

@@ -167,7 +167,7 @@ def test_what_is_learned_and_what_stays(form, learn):
     losses, after, theta = learn(mech, THETA if form == "parameters" else None, form == "data")
     assert np.isfinite(losses).all() and losses[-1] < (0.5 if form == "parameters" else 0.95) * losses[0]
     chex.assert_trees_all_equal_structs(after, mech)
-    chex.assert_trees_all_equal(after.as_known(), MECH)
+    chex.assert_trees_all_equal(after._as_known(), MECH)
     assert all((kind is np.ndarray) == (form != "data") for kind in SEEN[1:] or SEEN)
     if form == "parameters":
         last = js.SpatialInertia.from_log_cholesky(theta)
@@ -264,7 +264,7 @@ def test_checkpoints(form, tmp_path):
         checkpointer.wait_until_finished()
         found = checkpointer.restore(tmp_path / "x", {"w": jnp.zeros(3), "mech": getattr(like, form)()})
     np.testing.assert_array_equal(found["w"], [0, 1, 2])
-    chex.assert_trees_all_equal(found["mech"].as_known(), MECH)
+    chex.assert_trees_all_equal(found["mech"]._as_known(), MECH)
     assert type(found["mech"]) is type(mech)
     text = b"".join(p.read_bytes() for p in (tmp_path / "x").rglob("_METADATA"))
     assert (b"gravity" in text) == (form == "as_data")

@@ -55,7 +55,7 @@ def assert_same(found, expected):
 def test_it_is_a_zero_of_the_other_parts_batch_and_dtype(kind, kept, x64):
     for part in (numbers(), numbers((4, 2, 3)), np.ones(3), np.ones((2, 3), np.float16), [1, 2, 3]):
         X = kind(**{kind.__match_args__[kept]: part})
-        given, left_out = X.vectors[kept], X.vectors[1 - kept]
+        given, left_out = X._vectors[kept], X._vectors[1 - kept]
         assert repr(left_out) == ZERO and repr(X).count(ZERO) == 1 and jax.tree.leaves(X)[0] is given
         assert X.dtype == left_out.dtype == given.dtype and X.batch_shape == given.shape[:-1]
         six = X.to_array()
@@ -145,7 +145,7 @@ def test_known_it_stays(kind, kept):
         jax.vmap(lambda X: X * 2.0)(X), jax.tree.map(lambda x: x[0], X), jax.device_put(X),
         lax.scan(lambda c, _: (c * 0.5 + X, None), X, length=2)[0], jax.grad(lambda X: jnp.sum(X.to_array()))(X),
     ):  # fmt: skip
-        assert repr(same.vectors[1 - kept]) == ZERO and isinstance(same.vectors[kept], jax.Array)
+        assert repr(same._vectors[1 - kept]) == ZERO and isinstance(same._vectors[kept], jax.Array)
 
 
 @kinds
@@ -153,9 +153,9 @@ def test_beside_arrays_results_are_arrays(kind):
     """A loop whose carry has both parts takes one that has not."""
     whole, pure = kind(*numbers((2, 3))), kind(**{kind.__match_args__[1]: numbers()})
     last, _ = lax.scan(lambda c, _: (c + pure - pure * 0.5, None), whole, length=3)
-    assert all(isinstance(x, jax.Array) for x in last.vectors)
+    assert all(isinstance(x, jax.Array) for x in last._vectors)
     F = js.shift(js.SpatialForce(f=numbers((4, 3))), numbers())
-    assert all(isinstance(x, jax.Array) for x in F.vectors)
+    assert all(isinstance(x, jax.Array) for x in F._vectors)
     assert isinstance(jax.jit(js.dot)(js.SpatialForce(numbers()), js.SpatialVelocity(v=numbers())), jax.Array)
 
 
@@ -173,7 +173,7 @@ def test_additions_that_are_left(kind):
     pairs = {(whole, whole): 2, (whole, first): 1, (second, whole): 1, (first, first): 1, (first, second): 0}
     for (x, y), additions in pairs.items():
         assert flops(asked_for(lambda x, y: x + y, x, y)) == additions
-    assert_same(first + second, kind(first.vectors[0], second.vectors[1]))
+    assert_same(first + second, kind(first._vectors[0], second._vectors[1]))
 
 
 @kept
@@ -185,7 +185,7 @@ def test_gradients_are_those_of_zeros(kept):
         return js.dot(js.shift(F, p), js.shift(V, p)) + F.dot(V) ** 2
 
     for found, expected in zip(*(jax.grad(power, (0, 1))(X, p) for X in (F, full)), strict=True):
-        x, y = (getattr(g, "vectors", [g] * 2)[kept] for g in (found, expected))
+        x, y = (getattr(g, "_vectors", [g] * 2)[kept] for g in (found, expected))
         np.testing.assert_array_equal(x, y)
 
 
@@ -229,5 +229,5 @@ def test_an_external_force_leaves_no_operation_for_the_part_left_out(algorithm, 
     one, other = F.at_batch(0), full.at_batch(0)
     # As many as with NumPy's zeros, which are known where a force is made while tracing.
     as_numpy = lambda x: under(type(F)(*(x if i == kept else np.zeros(3, np.float32) for i in (0, 1))))  # noqa: E731
-    counts = [flops(asked_for(under, one)), flops(asked_for(as_numpy, one.vectors[kept]))]
+    counts = [flops(asked_for(under, one)), flops(asked_for(as_numpy, one._vectors[kept]))]
     assert counts[0] == counts[1] < flops(asked_for(under, other))

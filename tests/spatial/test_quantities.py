@@ -458,7 +458,7 @@ def test_what_does_not_stack():
 def test_a_sum_is_over_one_axis(kind):
     x = kind(*(np.arange(36, dtype=np.float32).reshape(2, 3, 2, 3) + shift for shift in (0, 1)))
     for axis in (0, 1, 2, -1, -3):
-        expected = kind(*(np.asarray(part).sum(axis % 3, dtype=np.float32) for part in x.vectors))
+        expected = kind(*(np.asarray(part).sum(axis % 3, dtype=np.float32) for part in x._vectors))
         for found in (x.sum(axis), jax.jit(kind.sum, static_argnums=1)(x, axis)):
             assert_same(found, expected)
     for axis in (3, -4):
@@ -508,7 +508,7 @@ def test_error_of_a_sum_that_cancels(n, dtype):
                         "compensated": u * abs(exact) + 2 * levels**2 * u**2 * size,
                         "faithful": 2 * u * abs(exact) + n**2 * u**3 * size,
                     }.get(precision, levels * u * size)
-                    assert abs(Fraction(float(found.vectors[p][c])) - exact) <= bound, (precision, p, c)
+                    assert abs(Fraction(float(found._vectors[p][c])) - exact) <= bound, (precision, p, c)
 
 
 def test_the_default_sum_is_halved_in_the_same_order_everywhere():

@@ -79,9 +79,9 @@ def test_motion_matrix_is_what_act_does():
     X, V = transforms(4), js.SpatialVelocity(points(4), points(4, 5))
     F = js.SpatialForce(points(4, 6), points(4, 7))
     m, V_A, F_A = interpreted(lambda X, V, F: (X.to_motion_matrix(), js.act(X, V), js.act(X, F)))(X, V, F)
-    near(np.einsum("nij,nj->ni", m.astype(float), np.concatenate(V.vectors, -1)), np.concatenate(V_A.vectors, -1))
+    near(np.einsum("nij,nj->ni", m.astype(float), np.concatenate(V._vectors, -1)), np.concatenate(V_A._vectors, -1))
     back = np.linalg.inv(m.astype(float))
-    near(np.einsum("nji,nj->ni", back, np.concatenate(F.vectors, -1)), np.concatenate(F_A.vectors, -1))
+    near(np.einsum("nji,nj->ni", back, np.concatenate(F._vectors, -1)), np.concatenate(F_A._vectors, -1))
 
 
 def test_adjoint_of_exp_is_the_exponential_of_the_cross_product():

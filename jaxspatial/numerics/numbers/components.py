@@ -195,7 +195,7 @@ class Components(check.StandIn):
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
         return np.asarray(self.to_array(), dtype)
 
-    def over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
+    def _over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
         """The data over another batch; what is known goes with any.
 
         Args:
@@ -208,7 +208,7 @@ class Components(check.StandIn):
 
         Example:
             >>> x = js.Components(jnp.array(2.0), 0.0)
-            >>> print(x.over_batch((4,)).shape)
+            >>> print(x._over_batch((4,)).shape)
             (4, 2)
         """
         return _rebuild(self.structure, (_over(c, batch_shape, self.dtype) for c in self.data))

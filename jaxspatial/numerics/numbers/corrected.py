@@ -56,12 +56,12 @@ class Corrected(Compared):
         """A number of this kind."""
         return Corrected(*limbs)
 
-    def constant(self, number: float | fractions.Fraction):
+    def _constant(self, number: float | fractions.Fraction):
         """The one nearest to a Fraction or Python number, known while tracing."""
         value = self.dtype.type(float(number))
         return Corrected(value, _rest(fractions.Fraction(number), value) if math.isfinite(value) else None)
 
-    def of_limb(self, limb: Any):
+    def _of_limb(self, limb: Any):
         return Corrected(limb)
 
     @property
@@ -128,14 +128,14 @@ class Corrected(Compared):
 
     # -- decisions -----------------------------------------------------------------------------------------------------
 
-    def rounded(self):
+    def _rounded(self):
         """The number as one limb."""
         if is_known(self.correction):
             return self.value
         return _rounded(self.limbs, lax.full_like(self.value, 0))[0]
 
     def compared(self, comparison: Callable[[Any, Any], Any], other: "Corrected | float"):
-        return comparison((self - other).rounded(), 0)
+        return comparison((self - other)._rounded(), 0)
 
 
 jax.tree_util.register_pytree_node(Corrected, lambda x: (x.limbs, None), lambda _, limbs: Corrected(*limbs))

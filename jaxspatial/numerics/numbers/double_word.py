@@ -76,17 +76,17 @@ class DoubleWord(check.StandIn):
         """A number of this kind, see `Number`."""
         return of_limbs(limbs)
 
-    def constant(self, number: float | fractions.Fraction) -> "DoubleWord":
+    def _constant(self, number: float | fractions.Fraction) -> "DoubleWord":
         """The one nearest to a Fraction or Python number, known while tracing, see `Number`."""
         high = float(number)
         rest = float(fractions.Fraction(number) - fractions.Fraction(high)) if np.isfinite(high) else 0.0
         return of_limbs(limb[()] for limb in map(np.asarray, of_numbers(high, self.dtype, rest)))
 
-    def of_limb(self, limb: jax.Array) -> "DoubleWord":
+    def _of_limb(self, limb: jax.Array) -> "DoubleWord":
         """The one that is one limb, see `Number`."""
         return of_limbs(with_zero(jnp.asarray(limb)))
 
-    def rounded(self) -> jax.Array:
+    def _rounded(self) -> jax.Array:
         """As one limb, see `Number`."""
         return self.hi
 

@@ -38,15 +38,15 @@ class Number(Protocol):
         """A number of this kind."""
         ...
 
-    def constant(self, number: float | Fraction, /) -> Self:
+    def _constant(self, number: float | Fraction, /) -> Self:
         """The number of this kind nearest to a Fraction or Python number."""
         ...
 
-    def of_limb(self, limb: Any, /) -> Self:
+    def _of_limb(self, limb: Any, /) -> Self:
         """A number of this kind that is one limb."""
         ...
 
-    def rounded(self) -> Any:
+    def _rounded(self) -> Any:
         """The number as one limb, up to rounding."""
         ...
 
@@ -90,7 +90,7 @@ _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 def constant(like: Any, number: Any) -> Any:
     """The number nearest to a Fraction or Python number, of the kind of another."""
-    return like.constant(number)
+    return like._constant(number)
 
 
 def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Number:
@@ -117,7 +117,7 @@ def _over(x: Any, shape: tuple[int, ...]) -> Array:
 
 def high(x: Number) -> jax.Array:
     """The number as one array, up to rounding: to decide upon."""
-    return x.rounded()
+    return x._rounded()
 
 
 def shape_of(x: Number) -> tuple[int, ...]:
@@ -129,8 +129,8 @@ def nearest_integer(x: Number) -> Number:
     """The integer nearest to the leading limb of x, of one limb; a constant to derivatives."""
     value = x.limbs[0]
     if is_known(value):
-        return x.of_limb(np.round(value))
-    return x.of_limb(lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN))
+        return x._of_limb(np.round(value))
+    return x._of_limb(lax.round(lax.stop_gradient(value), lax.RoundingMethod.TO_NEAREST_EVEN))
 
 
 def frozen(x: Number) -> Number:

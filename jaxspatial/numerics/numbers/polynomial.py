@@ -29,7 +29,7 @@ class Polynomial:
     terms: tuple[Term, ...] = ()
     unit: int | None = None
 
-    def constant(self, number: float) -> "Polynomial":
+    def _constant(self, number: float) -> "Polynomial":
         """Of numbers that no array holds, zero alone has terms: none."""
         if number != 0:
             raise TypeError(f"a sum of products has no constant but 0, got {number}")

@@ -176,7 +176,7 @@ def _operator(operation: Callable[[Any, Any, Precision], Any]) -> Callable[["Rou
         if not isinstance(other, Rounded):
             if isinstance(other, Sequence):
                 return NotImplemented  # A vector, which knows its multiples itself.
-            other = self.constant(other)
+            other = self._constant(other)
         result = operation(self.operand, other.operand, self.precision)
         if result is self.operand:
             return self
@@ -211,13 +211,13 @@ class Rounded(Compared):
         """A number of this kind."""
         return Rounded(self.precision, *limbs)
 
-    def constant(self, number: float | Fraction) -> "Rounded":
+    def _constant(self, number: float | Fraction) -> "Rounded":
         return Rounded(self.precision, self.dtype.type(float(number)))
 
-    def of_limb(self, limb: Any) -> "Rounded":
+    def _of_limb(self, limb: Any) -> "Rounded":
         return Rounded(self.precision, limb)
 
-    def rounded(self) -> Any:
+    def _rounded(self) -> Any:
         return self.value
 
     __add__ = __radd__ = _operator(add)
@@ -226,10 +226,10 @@ class Rounded(Compared):
     __truediv__ = _operator(divide)
 
     def __rsub__(self, other: Any) -> "Rounded":
-        return self.constant(other) - self
+        return self._constant(other) - self
 
     def __rtruediv__(self, other: Any) -> "Rounded":
-        return self.constant(other) / self
+        return self._constant(other) / self
 
     def __neg__(self) -> "Rounded":
         return Rounded(self.precision, _negative(self.operand))
@@ -238,7 +238,7 @@ class Rounded(Compared):
         return Rounded(self.precision, lax.abs(self.value) if isinstance(self.value, Array) else abs(self.value))
 
     def compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
-        other = other if isinstance(other, Rounded) else self.constant(other)
+        other = other if isinstance(other, Rounded) else self._constant(other)
         a, b = self.operand, other.operand
         if _is_known_beside_array(a, b):
             return _COMPARISONS[comparison](*_of_one_dtype(a, b))
