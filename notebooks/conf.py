@@ -49,6 +49,7 @@ viewcode_follow_imported_members = True
 html_theme = "pydata_sphinx_theme"
 html_title = "jaxspatial"
 html_static_path = ["_site/static"]
+html_favicon = "_site/static/favicon.svg"
 html_css_files = ["style.css"]
 html_extra_path = ["source/recordings"]
 html_math_renderer = "mathml"

@@ -59,36 +59,64 @@ def test_what_is_told_to_install_can_be_installed():
 
 @pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
 def test_first_steps_run(capsys, tmp_path, monkeypatch):
-    """The gradient is that of the squares of the torques, by differences in float64."""
+    """What they print is told; the gradient is that of the squares of the torques, by differences in float64."""
     if "example-robot-data" not in {x.metadata["Name"] for x in importlib.metadata.distributions()}:
         pytest.skip("the extra peers has the robots")
-    blocks = examples(README)
-    assert sum(bool(line) for line in blocks[0].splitlines()) <= 10
+    arm, more, contact = examples(README)
+    assert sum(bool(line) for line in arm.splitlines()) <= 10
     monkeypatch.chdir(tmp_path)
-    scope = run(blocks)
-    printed = capsys.readouterr().out.splitlines()
-    assert printed[0] == "Mechanism(nq=8, nv=8, 9 bodies, float32)" and printed[-3].endswith("(1000, 8) (1000, 8)")
-    assert printed[-2] == "SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0]) 3.5 3.5"
-    assert printed[-1] == "SpatialForce(tau=[2000.0, -1000.0, -3000.0], f=[1000.0, 2000.0, 0.0])"
-    assert (tmp_path / "panda.png").exists()
+    scope = run([arm, more, contact])
+    holds, reach, on_ground = capsys.readouterr().out.splitlines()
+    assert holds == "joint 4 holds 22 N m, 25% of its limit" and f"`{holds}`" in README
+    share = int(re.fullmatch(r"(\d+)% of 1000 arms reach the point", reach)[1])
+    assert 80 < share <= 100 and (tmp_path / "panda.png").exists()
+    panda, q = scope["panda"], np.asarray(scope["many"])
+    p_WT = js.forward_kinematics(panda, scope["found"].q, "panda_hand_tcp").translation
+    is_there = np.linalg.norm(np.asarray(p_WT) - [0.5, 0.2, 0.4], axis=-1) < 1.1e-4
+    assert (is_there == np.asarray(scope["found"].is_solved)).all()
     with jax.enable_x64(True):
-        panda, q = scope["panda"].astype(np.float64), np.asarray(scope["q"][0], np.float64)
-        ahead = q + 1e-6 * np.concatenate([np.eye(8), -np.eye(8)])
-        squares = np.asarray(interpreted(js.gravity_forces)(panda, ahead) ** 2).sum(-1)
+        wide, first = panda.astype(np.float64), q[0].astype(np.float64)
+        ahead = first + 1e-6 * np.concatenate([np.eye(8), -np.eye(8)])
+        shares = np.asarray(interpreted(js.gravity_forces)(wide, ahead))[:, :7] / wide.effort_limit[:7]
+        squares = (shares**2).sum(-1)
     differences = (squares[:8] - squares[8:]) / 2e-6
-    np.testing.assert_allclose(scope["gradient"][0], differences, rtol=0, atol=1e-4 * abs(differences).max())
+    np.testing.assert_allclose(scope["slope_of_effort"][0], differences, rtol=0, atol=1e-4 * abs(differences).max())
+    value, slope = float(scope["value"]), np.asarray(scope["slope"].f)
+    assert on_ground == f"{value:.3f} m; by the push: {scope['slope'].f} m/N"
+    moved = [float(scope["height"](js.SpatialForce(jnp.zeros(3), jnp.array([0.0, y, 0.0])))) for y in (19.0, 21.0)]
+    assert 0.1 < value < 0.235 and slope[1] != 0
+    np.testing.assert_allclose(slope[1], (moved[1] - moved[0]) / 2, rtol=0.1, atol=1e-5)
+
+
+TIMES = {
+    "dynamics.md": [("forward dynamics | 1 ", 2, 13), ("forward dynamics | 1 ", 3, 4.9)]
+    + [("forward dynamics | 4096 ", 2, 0.047), ("forward dynamics | 4096 ", 3, 1.8)],
+    "contact.md": [("convex_step ", 1, 3.6), ("mjx.step ", 1, 41)],
+}
+
+
+@pytest.mark.parametrize("page", TIMES)
+def test_times_are_those_of_the_benchmarks(page):
+    """Of the first table of each: to two digits, and in the README."""
+    text = (ROOT / "tests/benchmarks" / page).read_text().split("## panda, float32: us per state")[-1]
+    for start, column, told in TIMES[page]:
+        row = next(line for line in text.splitlines() if line.startswith(f"| {start}|"))
+        measured = float(row.split("|")[1 + column].split("(")[0])
+        assert f"{measured:.2g}" == f"{told:.2g}" and f"{told:g} µs" in README, row
 
 
 def test_what_it_is_comes_first():
     assert len(README.splitlines()) <= 130
     headings = re.findall(r"^## (.*)", README, re.M)
     assert headings[:3] == ["First steps", "What you can rely on", "Quick start"]
-    assert "notebooks/robot.png" in README.split("## First steps")[0]
+    first = README.split("## First steps")[0]
+    assert "load a URDF, batch it, differentiate it,\nthrough contact too" in first
+    assert "notebooks/quadrupeds.webp" in first and "notebooks/robot.png" in README
 
 
 # Pages whose code other tests run.
 OF_OTHERS = ("brax", "drake", "frax", "mujoco", "pinocchio")
-OWN_TESTS = ["drawing.md", "simulators.md", "inverse_kinematics.md", "scale.md", "reference.md"]
+OWN_TESTS = ["quadrupeds.md", "drawing.md", "simulators.md", "inverse_kinematics.md", "scale.md", "reference.md"]
 OWN_TESTS += [f"coming_from_{name}.md" for name in OF_OTHERS]
 # Its sections run one by one, where their simulators are.
 SIMULATORS = PAGES["simulators.md"].split("\n## ")
@@ -280,7 +308,7 @@ def test_every_page_is_two_clicks_away():
         found = found | _linked(PAGES[name], "")
     names = {path.name for path in (ROOT / "notebooks").iterdir() if path.suffix in (".md", ".ipynb")}
     assert names - {"index.md"} <= found
-    for path in (ROOT / "notebooks").glob("*.png"):
+    for path in (*(ROOT / "notebooks").glob("*.png"), *(ROOT / "notebooks").glob("*.webp")):
         assert any(path.name in text for text in (README, *PAGES.values())), path.name
 
 
