@@ -7,9 +7,10 @@ import re
 import numpy as np
 import pytest
 
+from jaxspatial.measure import checks
 from tests.helpers import figures
 from tests.helpers.marks import slow
-from tests.helpers.notebooks import FOLDER, executed
+from tests.helpers.notebooks import FOLDER, as_a_reader, soon
 from tests.helpers.optional import needs
 
 nbformat = needs("nbformat")
@@ -73,19 +74,18 @@ def test_a_figure_without_numbers_is_found():
             pyplot.close(figure)
 
 
-# What a notebook begins with by default: what it computes in, where it says nothing, compiles soonest, and a self-check
-# is of one dtype.
-FAST = "import jaxspatial as js\njs.default_precision('fast').__enter__()"
-SMALL = {
-    "01_spatial_algebra": FAST,
-    "02_speed_and_accuracy": "from jaxspatial.measure import checks\nchecks.DTYPES = ('float32',)",
-    "03_a_robot": FAST,
-}
+# What these compute in by default, where they say nothing: it compiles soonest.
+PRECISIONS = {"01_spatial_algebra": "fast", "03_a_robot": "fast"}
 
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name < "04"])
-@pytest.mark.parametrize("compiled_soon", [True, slow(False)], ids=lambda x: "soon" if x else "as a reader does")
-def test_it_runs(name, compiled_soon):
-    notebook = executed(name, compiled_soon, first=SMALL.get(name, "") if compiled_soon else "")
+@pytest.mark.parametrize("how", ["soon", slow("as a reader does")])
+def test_it_runs(name, how, monkeypatch):
+    """Soon, a self-check is of one dtype."""
+    if how == "soon":
+        monkeypatch.setattr(checks, "DTYPES", ("float32",))
+        printed = soon(name, PRECISIONS.get(name))
+    else:
+        printed = as_a_reader(name)
     if name == "02_speed_and_accuracy":
-        assert "All promises hold here." in str(notebook.cells)
+        assert "All promises hold here." in printed

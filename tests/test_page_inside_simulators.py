@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.notebooks import executed, last_numbers
+from tests.helpers.notebooks import as_a_reader, last_numbers, soon
 from tests.helpers.optional import needs
 
 needs("papermill")
@@ -29,10 +29,9 @@ def _holds(numbers, simulators):
 
 
 def test_a_few_environments_of_mjx():
-    found = executed("05_inside_simulators", environments=8, simulators=["MJX"])
-    _holds(last_numbers(found), ["MJX"])
+    _holds(last_numbers(soon("05_inside_simulators", environments=8, simulators=["MJX"])), ["MJX"])
 
 
 @pytest.mark.slow
 def test_as_in_the_file():
-    _holds(last_numbers(executed("05_inside_simulators", compiled_soon=False)), ["MJX", "Brax"])
+    _holds(last_numbers(as_a_reader("05_inside_simulators")), ["MJX", "Brax"])

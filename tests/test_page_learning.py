@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.notebooks import executed, last_numbers
+from tests.helpers.notebooks import as_a_reader, last_numbers, soon
 
 SMALL = {"FRICTION_UPDATES": 120, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLICY_UPDATES": 200}
 
@@ -10,7 +10,7 @@ SMALL = {"FRICTION_UPDATES": 120, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLIC
 @pytest.mark.parametrize("sizes", [SMALL, pytest.param({}, marks=pytest.mark.slow)], ids=["small", "full"])
 @pytest.mark.filterwarnings("ignore")
 def test_the_page_learns(sizes):
-    found = last_numbers(executed("06_learning", compiled_soon=bool(sizes), **sizes))
+    found = last_numbers(soon("06_learning", runs_long=True, **sizes) if sizes else as_a_reader("06_learning"))
 
     # Seven hinges: 7 parameters of each link but the first, of which there is one.
     assert (found["rank"], found["rank_of_unknown"]) == (43, 30)

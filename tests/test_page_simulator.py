@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.helpers.notebooks import executed, last_numbers
+from tests.helpers.notebooks import as_a_reader, last_numbers, soon
 from tests.helpers.optional import needs
 
 needs("papermill")
@@ -22,7 +22,7 @@ def _holds(numbers):
 
 
 def test_a_few_robots_without_mjx():
-    numbers = last_numbers(executed("04_a_simulator", environments=16, timings=3, peers=0))
+    numbers = last_numbers(soon("04_a_simulator", environments=16, timings=3, peers=0))
     assert numbers["environments"] == 16
     _holds(numbers)
 
@@ -30,4 +30,4 @@ def test_a_few_robots_without_mjx():
 @pytest.mark.slow
 def test_as_in_the_file():
     needs("mujoco.mjx")
-    _holds(last_numbers(executed("04_a_simulator", compiled_soon=False)))
+    _holds(last_numbers(as_a_reader("04_a_simulator")))

@@ -19,17 +19,18 @@ def examples(text):
     return re.findall(r"```python\n(.*?)```", text, re.S)
 
 
-def run(blocks, precision="fast", as_read=False, **numbers):
+def run(blocks, precision="fast", as_read=False, runs_long=False, **numbers):
     """All names after the blocks have run one after the other, under the promotion rules that users have.
 
     Numbers replace what names are assigned at the top level of a block: sizes, so that a test takes seconds. precision:
     what a page computes in where it says nothing, None for the one of readers; programs of "fast" compile soonest. As a
-    page is read, compiled as users do: with neither. Kinds of joints that a page registers are forgotten after it."""
+    page is read, compiled as users do: with neither. runs_long: as of
+    `compiled_soon`. Kinds of joints that a page registers are forgotten after it."""
     scope, replaced, known = {}, set(), [*KINDS]
     soon = contextlib.ExitStack()
     with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"), soon:
         if not as_read:
-            soon.enter_context(compiled_soon())
+            soon.enter_context(compiled_soon(runs_long))
         if precision and not as_read:
             soon.enter_context(js.default_precision(precision))
         for block in blocks:

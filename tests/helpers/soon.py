@@ -25,15 +25,16 @@ def _options():
 
 
 @contextlib.contextmanager
-def compiled_soon():
-    """What is compiled in this process."""
+def compiled_soon(and_runs_long=False):
+    """What is compiled in this process. and_runs_long: LLVM optimises a little."""
     given, before = compiler.get_compile_options, jax.config.values[_MOST]
+    more = {"xla_backend_optimization_level": 1} if and_runs_long else {}
 
     def with_options(*arguments, env_options_overrides=None, **others):
         # Asked at the first program, and not before: pages say first how many devices there are.
-        return given(*arguments, env_options_overrides=env_options_overrides or _options(), **others)
+        return given(*arguments, env_options_overrides=env_options_overrides or {**_options(), **more}, **others)
 
-    jax.config.update(_MOST, True)
+    jax.config.update(_MOST, not and_runs_long)
     try:
         with mock.patch.object(compiler, "get_compile_options", with_options):
             yield
