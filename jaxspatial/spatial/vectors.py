@@ -653,7 +653,7 @@ class SpatialAcceleration(SpatialVector):
         require_kind(V_MP_E, SpatialVelocity, "from_featherstone: V_MP_E")
         spatial = cls.from_array(x6)
         require_compatible(x6=spatial, V_MP_E=V_MP_E)
-        A = Motion(*spatial.vectors)
+        A = Motion(*spatial._vectors)
         return spatial._with_vectors(_from_featherstone(precision, A, Motion(*V_MP_E._vectors)))
 
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
