@@ -316,7 +316,8 @@ def _after(mech, q, v, steps, dt):
     mech, tau = mech.astype(q.dtype), jnp.zeros(mech.nv, q.dtype)
 
     def step(state, _):
-        return semi_implicit_step(mech, *state, tau, np.asarray(dt, q.dtype)), None
+        at, moving = state
+        return semi_implicit_step(mech, at, moving, tau, np.asarray(dt, q.dtype)), None
 
     return lax.scan(step, (q, v), None, steps)[0][0]
 
