@@ -52,9 +52,7 @@ def test_only_converts(wrenches, tmp_path, capsys):
     _write([*COLUMNS, "time"], np.c_[_table(wrenches), np.arange(40.0)])
     assert main(["shift", "mine.csv", *OFFSET]) == 0
     said = capsys.readouterr().out.splitlines()
-    assert said[0] == "40 wrenches and velocities shifted: mine_shifted.csv" and said[1].startswith(
-        "as they were: time;"
-    )
+    assert said == ["40 wrenches and velocities shifted: mine_shifted.csv", "as they were: time"]
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.csv", "mine_shifted.csv"]
     out = _read()
     np.testing.assert_array_equal(out["tau"], wrenches.tau - np.cross(P, wrenches.f))
