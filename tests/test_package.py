@@ -60,3 +60,4 @@ def test_it_installs_and_runs(ending, built, tmp_path):
     environment = {"PYTHONPATH": str(tmp_path / "site"), "PATH": "", "JAX_PLATFORMS": "cpu"}
     done = subprocess.run(command, check=True, cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert done.stdout == f"{VERSION} [ 2. -1. -6.]\n"
+    assert "jaxspatial.command.main import main" in (tmp_path / "site" / "bin" / "jaxspatial").read_text()
