@@ -52,6 +52,8 @@ _TRIAD, _LONGEST, _WIDEST, _LEAST = 0.1, 0.3, 0.09, 0.01
 _ZOOM = 0.85
 # The edge of the ground, as a share too; its squares along it, and the cells of a ground function.
 _GROUND, _SQUARES, _CELLS = 1.3, 6, 24
+# The length of a head of matplotlib's arrow style, over its scale.
+_HEAD = 0.4
 # To the light.
 _LIGHT = np.array([0.35, -0.45, 0.82])
 # An arc has a gap, so that one sees which way it turns.
@@ -485,11 +487,14 @@ def _tip(mech: Mechanism, i: int, X_WJ: _Poses, X_WF: _Poses) -> np.ndarray:
 
 
 class Arrow(FancyArrowPatch):
-    """An arrow between two points of space, `ends` (2, 3) in m, with a head of a fixed size on paper."""
+    """An arrow between two points of space, `ends` (2, 3) in m, with a head of a fixed size on paper.
 
-    def __init__(self, start: np.ndarray, end: np.ndarray, **style: Any):
+    An arrow that is shorter on paper has a smaller head, unless it is the head of something else."""
+
+    def __init__(self, start: np.ndarray, end: np.ndarray, is_head: bool = False, **style: Any):
         super().__init__((0, 0), (1, 1), arrowstyle="-|>", shrinkA=0, shrinkB=0, **style)
-        self.ends = np.stack([start, end])
+        self.ends, self._is_head = np.stack([start, end]), is_head
+        self._largest, self._width = self.get_mutation_scale(), self.get_linewidth()
 
     def do_3d_projection(self, renderer: Any = None) -> float:
         """Places the arrow on paper; axes call it."""
@@ -497,6 +502,12 @@ class Arrow(FancyArrowPatch):
         xs, ys, zs = self.ends.T
         x, y, z = proj3d.proj_transform(xs, ys, zs, ax.M)
         self.set_positions((x[0], y[0]), (x[1], y[1]))
+        if not self._is_head:
+            # A head longer than its arrow would point the other way.
+            points = np.ptp(ax.transData.transform(np.stack([x, y], -1)), axis=0) * 72 / ax.figure.dpi
+            share = min(1.0, float(np.hypot(*points)) / (_HEAD * self._largest))
+            self.set_mutation_scale(share * self._largest)
+            self.set_linewidth(share * self._width)
         return min(z)
 
 
@@ -530,10 +541,12 @@ def _line(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str) 
         ax.plot(*np.stack([start, end]).T, gid=gid, **look)
 
 
-def _arrow(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str, width: float = 2.2) -> Any:
+def _arrow(
+    ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str, width: float = 2.2, is_head: bool = False
+) -> Any:
     _include(ax, np.stack([start, end]))
     look: Any = {"color": color, "linewidth": width, "mutation_scale": 6 * width, "zorder": _ARROW}
-    return ax.add_artist(Arrow(start, end, gid=gid, joinstyle="miter", **look))
+    return ax.add_artist(Arrow(start, end, is_head, gid=gid, joinstyle="miter", **look))
 
 
 def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, ha: str = "left") -> list[Any]:
@@ -715,7 +728,7 @@ def _arc(ax: Axes3D, normal: np.ndarray, centre: np.ndarray, radius: float) -> l
     axis = centre + np.outer([-0.5, 0.5], radius * normal)
     lines = ax.plot(*arc.T, color=TORQUE, linewidth=2, zorder=_ARROW, gid="torque")
     lines += ax.plot(*axis.T, color=TORQUE, linewidth=1, zorder=_ARROW)
-    return [*lines, _arrow(ax, arc[-4], arc[-1], TORQUE, "torque head", width=1.7)]
+    return [*lines, _arrow(ax, arc[-4], arc[-1], TORQUE, "torque head", width=1.7, is_head=True)]
 
 
 def _central_axis(ax: Axes3D, f: np.ndarray, p: np.ndarray, pitch: float, p_PA: np.ndarray) -> None:

@@ -412,6 +412,24 @@ def test_scale_bars_have_round_numbers_and_the_scale_of_all_arrows():
     assert "5 N m" in {text.get_text().strip() for text in ax.texts}
 
 
+def test_a_short_arrow_has_a_small_head():
+    """One longer than the arrow would seem to point the other way; that of an arc stays."""
+    ax = plot.mechanism(arm(), Q)
+    f = FLOAT([[0, 0, 50], [0, 0, 2]])
+    plot.wrench(js.SpatialForce(FLOAT([[0, 0, 5], [0, 0, 5]]), f), FLOAT([[0, 0, 0], [0.2, 0, 0]]), ax)
+    ax.figure.canvas.draw()
+    arrows = [arrow for arrow in ax.patches if arrow.get_gid() == "force"]
+    lengths = []
+    for arrow in arrows:
+        corners = arrow.get_transform().transform_path(arrow.get_path()).vertices
+        lengths.append(float(np.linalg.norm(np.ptp(corners, axis=0))) * 72 / ax.figure.dpi)
+    large, small = (arrow.get_mutation_scale() for arrow in arrows)
+    assert (
+        large == pytest.approx(13.2) and lengths[0] > 0.4 * large > 0.4 * small > 0 and 0.4 * small < 1.05 * lengths[1]
+    )
+    assert {arrow.get_mutation_scale() for arrow in ax.patches if arrow.get_gid() == "torque head"} == {6 * 1.7}
+
+
 @pytest.mark.parametrize("ground", [None, js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(0))])
 def test_labels_are_not_cut(ground):
     """Those of axes and ticks are in the figure."""

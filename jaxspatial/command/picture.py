@@ -93,7 +93,7 @@ def _draw_robot(figure, place, look: Look):
     points = forward_kinematics(mech, q[-1], feet.frames).translation
     plot.wrench(feet.wrenches.at_batch(-1), points, ax, axis=False)
     ax.set_axis_off()
-    ax.set_box_aspect(ax.get_box_aspect(), zoom=1.5)
+    ax.set_box_aspect(ax.get_box_aspect(), zoom=1.25)
     title = f"{look.steps:,.0f} steps a second, batch {STATES}\n{look.gradients:,.0f} gradients, batch {GRADIENTS}"
     ax.set_title(f"A quadruped, pushed\n{title}")
 
