@@ -62,6 +62,8 @@ def contact_forces(
         v: (*batch, nv) generalized velocities: rad/s, m/s.
         contacts: PointContacts: spheres on frames, how stiff and how rough they are.
         ground: HalfSpace, HeightField, another shape or a function, see `convex_step`; None is the plane z = 0.
+        dissipation: d, s/m: a number, (n,) or (*batch, n), of n contacts.
+        stiction_speed: v_s, m/s, above zero: the speed from which friction has its full size; as `dissipation`.
         precision: name of a precision; None takes the default.
 
     Returns:
