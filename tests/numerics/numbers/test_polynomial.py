@@ -43,9 +43,9 @@ def test_units_are_known_and_leave_no_factor():
 
 def test_the_only_constant_is_zero():
     three, *_ = components()
-    assert three.constant(0) == Polynomial()
+    assert three._constant(0) == Polynomial()
     with pytest.raises(TypeError, match="no constant but 0, got 2"):
-        three.constant(2)
+        three._constant(2)
 
 
 def test_halves():
