@@ -14,6 +14,8 @@ import jax
 import mpmath
 import pytest
 
+from tests.helpers.soon import compiled_soon
+
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # One for all modules, whichever is imported last: of what cancels at an angle of 1e-30, 60 digits are left.
@@ -40,7 +42,7 @@ LONGEST = (
     "contact/test_closed_loops.py",
     "dynamics/test_laws.py",
     "laws/test_error_bounds.py",
-    "measure/test_trade_command.py",
+    "command/test_trade_command.py",
     "test_page_scale.py",
     "dynamics/test_fields.py",
     "laws/test_transformations.py",
@@ -50,6 +52,10 @@ LONGEST = (
     "peers/test_coming_from.py",
     "test_site.py",
 )
+
+# In these files XLA compiles what callers write around our programs, and what is compared are formulas, within limits,
+# no bits: for them it compiles in half of the time. Programs themselves are machine code of our own all the same.
+COMPILED_SOON = ("dynamics/test_fields.py", "peers/test_dynamics_mujoco.py")
 
 
 def pytest_addoption(parser):
@@ -146,3 +152,13 @@ def forget_programs():
     yield
     jax.clear_caches()
     _out_of_sight()
+
+
+@pytest.fixture(autouse=True, scope="module")
+def compiled(request, forget_programs):
+    """As users do, or soon."""
+    if request.path.relative_to(HERE).as_posix() in COMPILED_SOON:
+        with compiled_soon():
+            yield
+    else:
+        yield

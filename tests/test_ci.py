@@ -13,7 +13,7 @@ import types
 import pytest
 from packaging.requirements import Requirement
 
-from tests.conftest import pytest_runtest_setup, third_of_day
+from tests.conftest import COMPILED_SOON, HERE, LONGEST, pytest_runtest_setup, third_of_day
 
 ROOT = pathlib.Path(__file__).parent.parent
 CI, NIGHTLY, HOOKS = (
@@ -49,6 +49,11 @@ def test_every_slow_test_is_in_one_third():
     thirds = [found[third] for third in ("1", "2", "3")]
     assert all(thirds) and sorted(sum(thirds, [])) == sorted(found[""])
     assert found["auto"] in thirds
+
+
+@pytest.mark.parametrize("name", [*LONGEST, *COMPILED_SOON])
+def test_files_that_are_treated_apart_are_there(name):
+    assert (HERE / name).exists()
 
 
 def test_three_days_have_three_thirds():
