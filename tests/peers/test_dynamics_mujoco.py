@@ -406,7 +406,7 @@ def stepped(mech, q, v, dt, n=100):
         return x, x
 
     with js.default_precision("fast"):
-        after = interpreted(lambda q, v: jax.lax.scan(step, (q, v), length=n)[1])(q, v)
+        after = jax.jit(lambda q, v: jax.lax.scan(step, (q, v), length=n)[1])(q, v)
     return [jnp.concatenate([start[None], x]) for start, x in zip((q, v), after, strict=True)]
 
 
