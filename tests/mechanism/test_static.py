@@ -70,6 +70,7 @@ CALLS = {
     js.interpolate: (Q, Q, DT),
     js.inverse_dynamics: (Q, V, A, FORCES),
     js.inverse_dynamics_derivatives: (Q, V, A),
+    js.inverse_kinematics: (Q, "tip", np.float32([1, 2, 3])),
     js.jacobian: (Q, "tip"),
     js.jacobian_rate: (Q, V, "hand"),
     js.regressors.joint_torque_regressor: (Q, V, A),
@@ -95,7 +96,8 @@ def test_the_table_has_all_functions_of_mechanisms():
     mujoco = vars(js.interop.mujoco)
     assert set(CALLS) == set(filter(_takes_a_mechanism, (vars(js) | vars(js.regressors)).values()))
     assert {name for name, f in mujoco.items() if _takes_a_mechanism(f) and name[0] != "_"} == {
-        f"{way}_{what}" for way in ("from", "to") for what in ("qpos", "qvel", "qacc", "qfrc")
+        "key_frames",
+        *(f"{way}_{what}" for way in ("from", "to") for what in ("qpos", "qvel", "qacc", "qfrc")),
     }
 
 
