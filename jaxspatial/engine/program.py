@@ -30,6 +30,7 @@ from jaxspatial.numerics.errorfree.primitives import (
     n_devices,
     not_inlined,
     unsharded,
+    varying_alike,
 )
 from jaxspatial.numerics.jax_internals import (
     ClosedJaxpr,
@@ -214,7 +215,7 @@ def _without_collection() -> Iterator[None]:
 def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
-    return list(_program_p.bind(*arrays, program=program, n_batch=n_batch))
+    return list(_program_p.bind(*varying_alike(arrays), program=program, n_batch=n_batch))
 
 
 def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:

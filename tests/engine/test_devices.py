@@ -65,7 +65,7 @@ CONTACT_CASES = (
 @pytest.mark.parametrize("cases", ["CASES", *map(slow, ("MORE_CASES", "CONTACT_CASES"))])
 def test_states_stay_on_their_device(cases):
     done = python(__file__, cases, n_devices=N_DEVICES)
-    assert done.stdout.split() == ["True"] * len(globals()[cases])
+    assert done.stdout.split() == ["True"] * (len(globals()[cases]) + 1)
 
 
 def _check(function, is_data, n_each, axis_type, is_map):
@@ -83,6 +83,35 @@ def _check(function, is_data, n_each, axis_type, is_map):
     print(True)
 
 
+def _check_gradients_by_what_devices_share():
+    """Inside of a shard_map they are summed over the devices, as those of operations of JAX are."""
+    mech = js.testing.random_mechanism(0, 2, ["revolute"], is_chain=True, dtype=np.float32)
+    q = np.random.default_rng(0).standard_normal((2 * N_DEVICES, 2)).astype(np.float32)
+    mesh = jax.make_mesh((N_DEVICES,), ("batch",), axis_types=(AxisType.Auto,))
+
+    def own(w, q):
+        return (js.gravity_forces(mech.replace(gravity=mech.gravity * w), q) ** 2).sum()
+
+    def of_jax(w, q):
+        return (jax.numpy.sin(w * q) ** 2).sum()
+
+    for cost in (own, of_jax):
+        gradient = jax.grad(lambda w, q, cost=cost: jax.lax.psum(cost(w, q), "batch"))
+        inside = jax.shard_map(gradient, mesh=mesh, in_specs=(P(), P("batch")), out_specs=P())
+        whole = jax.shard_map(
+            lambda w, q, cost=cost: jax.lax.psum(cost(w, q), "batch"),
+            mesh=mesh,
+            in_specs=(P(), P("batch")),
+            out_specs=P(),
+        )
+        w = np.float32(1.1)
+        expected = jax.grad(cost)(w, q)
+        np.testing.assert_allclose(jax.jit(inside)(w, q), expected, rtol=1e-5)
+        np.testing.assert_allclose(jax.jit(jax.grad(whole))(w, q), expected, rtol=1e-5)
+    print(True)
+
+
 if __name__ == "__main__":
+    _check_gradients_by_what_devices_share()
     for case in globals()[sys.argv[1]]:
         _check(*case)

@@ -81,9 +81,7 @@ def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Arr
     types = list(map(jax.typeof, arrays))
     if types.count(types[0]) == len(types):
         return arrays
-    varying: list[frozenset[Any]] = [frozenset(t.mat.varying) for t in types]
-    missing = [tuple(frozenset[Any]().union(*varying) - axes) for axes in varying]
-    varied: list[Array] = [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
+    varied = varying_alike(arrays)
     specs = [jax.typeof(x).sharding.spec for x in varied]
     if all(spec == specs[0] for spec in specs):
         return varied
@@ -97,6 +95,14 @@ def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Arr
         x if w == s else jax.sharding.reshard(x, jax.NamedSharding(mesh, w))
         for x, s, w in zip(varied, specs, wanted, strict=True)
     ]
+
+
+def varying_alike(arrays: Sequence[Any]) -> list[Any]:
+    """The arrays, all varying over the axes of a `shard_map` over which any of them does: the cotangent of one that does
+    not is summed over these axes, and that of a sum of them is not."""
+    varying: list[frozenset[Any]] = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
+    missing = [tuple(frozenset[Any]().union(*varying) - axes) for axes in varying]
+    return [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
 
 
 def common_spec(specs: Iterable[Any]) -> list[Any]:
