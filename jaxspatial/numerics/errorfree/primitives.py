@@ -98,8 +98,8 @@ def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Arr
 
 
 def varying_alike(arrays: Sequence[Any]) -> list[Any]:
-    """The arrays, all varying over the axes of a `shard_map` over which any of them does: the cotangent of one that does
-    not is summed over these axes, and that of a sum of them is not."""
+    """The arrays, all varying over the axes of a `shard_map` over which any of them does. So the cotangent of one that
+    does not is summed over these axes."""
     varying: list[frozenset[Any]] = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
     missing = [tuple(frozenset[Any]().union(*varying) - axes) for axes in varying]
     return [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
