@@ -58,21 +58,25 @@ from jaxspatial.mechanism import Joint as Joint
 from jaxspatial.mechanism import LoopClosure as LoopClosure
 from jaxspatial.mechanism import Mechanism as Mechanism
 from jaxspatial.mechanism import PointContacts as PointContacts
+from jaxspatial.mechanism import ShapeContacts as ShapeContacts
 from jaxspatial.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism import Tendon as Tendon
 from jaxspatial.mechanism import add_frames as add_frames
 from jaxspatial.mechanism import lock_joints as lock_joints
 from jaxspatial.mechanism import subtree as subtree
 
-# shapes
+# shapes, and distances between them
 from jaxspatial.mechanism import Box as Box
 from jaxspatial.mechanism import Capsule as Capsule
+from jaxspatial.mechanism import ClosestPoints as ClosestPoints
 from jaxspatial.mechanism import Cylinder as Cylinder
 from jaxspatial.mechanism import HalfSpace as HalfSpace
 from jaxspatial.mechanism import HeightField as HeightField
 from jaxspatial.mechanism import Sphere as Sphere
 from jaxspatial.mechanism import Stairs as Stairs
 from jaxspatial.mechanism import Union as Union
+from jaxspatial.mechanism import closest_points as closest_points
+from jaxspatial.mechanism import distance as distance
 
 # dynamics
 from jaxspatial.dynamics.centroid import center_of_mass as center_of_mass
@@ -90,6 +94,8 @@ from jaxspatial.dynamics.configuration import integrate as integrate
 from jaxspatial.dynamics.configuration import interpolate as interpolate
 from jaxspatial.dynamics.configuration import random_configuration as random_configuration
 from jaxspatial.contact.explicit import contact_forces as contact_forces
+from jaxspatial.contact.report import ContactReport as ContactReport
+from jaxspatial.contact.report import contact_report as contact_report
 from jaxspatial.contact.step import ConvexStep as ConvexStep
 from jaxspatial.contact.step import convex_step as convex_step
 from jaxspatial.dynamics.energy import kinetic_energy as kinetic_energy

@@ -42,6 +42,8 @@ EXAMPLES = {
     "Box": lambda: js.Box(_ones(2, 3), js.RigidTransform(js.Rotation(_ones(2, 9)), _ones(2, 3))),
     "Capsule": lambda: js.Capsule(_ones(2), _ones(2)),
     "CentralAxis": lambda: js.central_axis(js.SpatialForce(_ones(2, 3), _ones(2, 3))),
+    "ClosestPoints": lambda: js.closest_points(js.Sphere(_ones(2)), js.HalfSpace(_ones(3), _ones())),
+    "ContactReport": lambda: js.ContactReport(*(_ones(2, 3) for _ in range(6)), None),
     "ConvexStep": lambda: js.ConvexStep(
         _ones(2), _ones(2), *(js.SpatialForce(_ones(n, 3), _ones(n, 3)) for n in (1, 2)), _ones(), _ones()
     ),
@@ -71,6 +73,9 @@ EXAMPLES = {
     "SpatialInertia": _inertia,
     "SpatialMomentum": lambda: js.SpatialMomentum(_ones(2, 3), _ones(2, 3)),
     "SpatialVelocity": lambda: js.SpatialVelocity(_ones(2, 3), _ones(2, 3)),
+    "ShapeContacts": lambda: js.ShapeContacts(
+        ["left", "right"], js.Sphere(_ones(2)), stiffness=_ones(4, 2), relaxation_time=_ones(2), friction=_ones(2)
+    ),
     "Sphere": lambda: js.Sphere(_ones(2)),
     "Stairs": lambda: js.Stairs(3, _ones(2), _ones(2)),
     "StaticMechanism": lambda: js.testing.random_mechanism(0, n=2, dtype=np.float32).as_static(),

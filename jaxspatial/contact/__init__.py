@@ -10,5 +10,6 @@ world           a mechanism in world axes: its bodies, and passes over its tree
 hessian         directions, by articulated bodies with the stiffness of terms
 newton          Newton's method for any terms
 step            convex_step
+report          what is known of each contact
 closed_loops    the errors and Jacobians of loop closures, and the motion of linkages that they close
 """

@@ -17,7 +17,7 @@ from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
-from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
+from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
@@ -155,19 +155,30 @@ def contact_geometry(
     check.require_same_dtype(q=at_q, contacts=contacts)
     ground = checked_ground(operation, ground, at_q)
     batch = check.common_batch_shape(q=at_q.shape[:-1], v=at_v.shape[:-1], contacts=contacts.batch_shape)
-    n, points = len(contacts.frames), contacts.positions
-    if not n:
+    if not contacts.frames:
         nothing = jnp.zeros((*batch, 0, 3), at_q.dtype)
         return ContactGeometry(nothing, nothing[..., 0], nothing, nothing, nothing)
-    points = None if points is None else points.reshape((*points.shape[:-2], 3 * n))
-    centers, w, velocities = _point_motions(
-        precision, mechanism, at_q, at_v, points, frames=contacts.frames, operation=operation
-    )
+    centers, w, velocities = point_motions(operation, mechanism, at_q, at_v, contacts, precision)
     normals, distances = normals_and_distances(operation, ground, centers, precision)
     offsets, depth, at_C = _at_contact(
         precision, w, velocities, normals, *map(check.expanded, (distances, contacts.radius))
     )
     return ContactGeometry(centers, depth, normals, offsets, at_C)
+
+
+def point_motions(
+    operation: str,
+    mechanism: Mechanism,
+    q: jax.Array,
+    v: jax.Array,
+    contacts: PointContacts | ShapeContacts,
+    precision: PrecisionName,
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The centres of spheres, or origins of frames, the angular velocities of their bodies, and the velocities of the
+    centres: (*batch, n, 3) in world axes."""
+    n, points = len(contacts.frames), contacts.positions
+    points = None if points is None else points.reshape((*points.shape[:-2], 3 * n))
+    return _point_motions(precision, mechanism, q, v, points, frames=contacts.frames, operation=operation)
 
 
 def checked_contacts(operation: str, contacts: Any, name: str = "contacts") -> PointContacts:

@@ -20,10 +20,11 @@ from jaxspatial.engine import stacking
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
-from jaxspatial.mechanism import Mechanism, PointContacts
+from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
+from jaxspatial.mechanism.shapes import direction
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot, norm, unit
+from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import Mask, Number, constant, high, is_constant, where
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import PrecisionName
@@ -105,7 +106,7 @@ def contact_data(
     q: jax.Array,
     contacts: PointContacts | None,
     ground: Ground,
-    pairs: tuple[PointContacts, PointContacts] | None,
+    pairs: tuple[PointContacts | ShapeContacts, PointContacts] | None,
     precision: PrecisionName,
 ) -> ContactData | None:
     """The ContactData of spheres on the ground, and behind them of spheres that touch others; None without any."""
@@ -117,12 +118,8 @@ def contact_data(
         centres = _on_frames(mechanism, contacts, -s[..., None] * normal)
         parts.append(ContactData(centres, None, _flat(normal), s - jnp.broadcast_to(contacts.radius, s.shape), *law))
     if pairs is not None:
-        # C is midway between the surfaces.
         others, spheres = pairs
-        p_AB = _centres(mechanism, q, spheres, precision) - _centres(mechanism, q, others, precision)
-        normal, length = _direction(precision, p_AB)
-        r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in pairs)
-        distance = length - r_A - r_B
+        normal, distance, from_a, from_b = between(mechanism, q, others, spheres, precision)
         means = list[Any]()
         for name in ("stiffness", "friction"):
             a, b = (_each(getattr(x, name), x) for x in pairs)
@@ -130,8 +127,8 @@ def contact_data(
             means.append(2 * a * (b / jnp.where(a + b == 0, 1, a + b)))
         parts.append(
             ContactData(
-                _on_frames(mechanism, spheres, -(r_B + distance / 2)[..., None] * normal),
-                _on_frames(mechanism, others, (r_A + distance / 2)[..., None] * normal),
+                _on_frames(mechanism, spheres, from_b),
+                _on_frames(mechanism, others, from_a),
                 _flat(normal),
                 distance,
                 means[0] / 2,
@@ -154,12 +151,39 @@ def contact_data(
     return ContactData(centres, parts[1].others, *(_joined([getattr(x, name) for x in parts]) for name in names))
 
 
+def between(
+    mechanism: Mechanism,
+    q: jax.Array,
+    others: PointContacts | ShapeContacts,
+    spheres: PointContacts,
+    precision: PrecisionName,
+) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
+    """(the normal from one to the other, the distance between surfaces, the offsets of C from both) of pairs.
+
+    C is midway between the surfaces; its offsets are from the centres of spheres, and from the origin of the frame of a
+    shape.
+    """
+    p_WB = _centres(mechanism, q, spheres, precision)
+    if isinstance(others, ShapeContacts):
+        X_WA = forward_kinematics(mechanism, q, others.frames, precision=precision)
+        from_origin = p_WB - X_WA.translation
+        n_A, s = others.shape.normals_and_distances(precision, X_WA.rotation.inverse() @ from_origin)
+        normal, r_B = X_WA.rotation @ n_A, jnp.broadcast_to(spheres.radius, s.shape)
+        distance = s - r_B
+        from_b = -(r_B + distance / 2)[..., None] * normal
+        return normal, distance, from_origin + from_b, from_b
+    normal, length = _direction(precision, p_WB - _centres(mechanism, q, others, precision))
+    r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in (others, spheres))
+    distance = length - r_A - r_B
+    return normal, distance, (r_A + distance / 2)[..., None] * normal, -(r_B + distance / 2)[..., None] * normal
+
+
 def _joined(arrays: Sequence[Any]) -> jax.Array:
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in arrays))
     return jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in arrays], -1)
 
 
-def _on_frames(mechanism: Mechanism, contacts: PointContacts, offsets: jax.Array) -> Centres:
+def _on_frames(mechanism: Mechanism, contacts: PointContacts | ShapeContacts, offsets: jax.Array) -> Centres:
     positions = contacts.positions
     frames = tuple(map(mechanism.frame_names.index, contacts.frames))
     return Centres(frames, None if positions is None else _flat(positions), _flat(offsets))
@@ -176,18 +200,11 @@ def _centres(mechanism: Mechanism, q: jax.Array, contacts: PointContacts, precis
     return X_WF.translation if contacts.positions is None else X_WF @ contacts.positions
 
 
-def _each(x: Any, contacts: PointContacts) -> Any:
+def _each(x: Any, contacts: PointContacts | ShapeContacts) -> Any:
     return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], len(contacts.frames)))
 
 
-@formula
-def _direction(p: Vector) -> list[Any]:
-    """(the direction of p, its length): at 0 the direction z, with the derivatives of a plane across it."""
-    # Compilers flush subnormal numbers to zero, and 1 / |p| is to stay finite.
-    x, y, z = (abs(high(c)) < np.finfo(high(c).dtype).tiny for c in p)
-    is_zero = x & y & z
-    apart = Vector(where(is_zero, 0.0, p.x), where(is_zero, 0.0, p.y), where(is_zero, 1.0, p.z))
-    return [unit(apart), where(is_zero, p.z, norm(apart))]
+_direction = formula(lambda p: list(direction(p)))
 
 
 # -- the term ---------------------------------------------------------------------------------------------------------

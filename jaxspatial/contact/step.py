@@ -24,7 +24,7 @@ from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
 from jaxspatial.engine.stacking import Array
-from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts
+from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
@@ -82,7 +82,7 @@ def convex_step(
     *,
     contacts: PointContacts | None = None,
     ground: Ground | None = None,
-    pairs: tuple[PointContacts, PointContacts] | None = None,
+    pairs: tuple[PointContacts | ShapeContacts, PointContacts] | None = None,
     loops: Iterable[LoopClosure] = (),
     precision: PrecisionName = None,
 ) -> ConvexStep:
@@ -134,10 +134,11 @@ def convex_step(
             the direction out of the ground, and the distance is f / |grad f|: a height z - h(x, y) does. That is exact
             for planes of any slope and for signed distances, and else to first order. Where the gradient is zero or not
             finite there is no normal, and the result is NaN, outside of the ground too. None is the plane z = 0.
-        pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; None
-            for none. Both surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
+        pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; or
+            ShapeContacts and PointContacts, of which sphere i touches the shape on frame i. None for none. Both
+            surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
             2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, with the
-            derivatives of a plane across z.
+            derivatives of a plane across z; inside a shape along its normal, see there.
         loops: LoopClosures, such as `mechanism.loops`.
         precision: name of a precision; None takes the default.
 
@@ -168,7 +169,7 @@ class _Given(NamedTuple):
 
     contacts: PointContacts | None
     ground: Ground
-    pairs: tuple[PointContacts, PointContacts] | None
+    pairs: tuple[PointContacts | ShapeContacts, PointContacts] | None
     closures: tuple[LoopClosure, ...]
     distances: Sequence[Any]
 
@@ -227,8 +228,8 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
         contacts = _checked_contacts(mechanism, q, contacts, "contacts")
     if pairs is not None:
         if not isinstance(pairs, tuple) or len(pairs) != 2:
-            check.refuse(f"{what}: pairs", "(a, b), two PointContacts", pairs)
-        pairs = [_checked_contacts(mechanism, q, x, "pairs") for x in pairs]
+            check.refuse(f"{what}: pairs", "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
+        pairs = [_checked_contacts(mechanism, q, x, "pairs", i == 0) for i, x in enumerate(pairs)]
         a, b = (x.frames for x in pairs)
         if len(a) != len(b):
             raise ValueError(f"{what}: pairs: expected as many of one as of the other, got {len(a)} and {len(b)}")
@@ -241,8 +242,9 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
     return _Given(contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances)
 
 
-def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str) -> PointContacts:
-    contacts = checked_contacts("convex_step", contacts, name)
+def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str, may_be_shapes: bool = False) -> Any:
+    is_shape = may_be_shapes and isinstance(contacts, ShapeContacts)
+    contacts = check.narrowed(contacts) if is_shape else checked_contacts("convex_step", contacts, name)
     for frame in contacts.frames:
         if mechanism.frame_body(frame) == WORLD:
             raise ValueError(f"convex_step: {name}: expected frames of moving bodies, got {frame!r}, of the world")

@@ -2,6 +2,9 @@
 
 from jaxspatial.mechanism.actuators import Actuators as Actuators
 from jaxspatial.mechanism.contacts import PointContacts as PointContacts
+from jaxspatial.mechanism.distances import ClosestPoints as ClosestPoints
+from jaxspatial.mechanism.distances import closest_points as closest_points
+from jaxspatial.mechanism.distances import distance as distance
 from jaxspatial.mechanism.editing import add_frames as add_frames
 from jaxspatial.mechanism.editing import lock_joints as lock_joints
 from jaxspatial.mechanism.editing import subtree as subtree
@@ -13,6 +16,7 @@ from jaxspatial.mechanism.mechanism import StaticMechanism as StaticMechanism
 from jaxspatial.mechanism.parts import Body as Body
 from jaxspatial.mechanism.parts import Frame as Frame
 from jaxspatial.mechanism.parts import Joint as Joint
+from jaxspatial.mechanism.shape_contacts import ShapeContacts as ShapeContacts
 from jaxspatial.mechanism.shapes import Box as Box
 from jaxspatial.mechanism.shapes import Capsule as Capsule
 from jaxspatial.mechanism.shapes import Cylinder as Cylinder

@@ -24,10 +24,10 @@ from jaxspatial.spatial import RigidTransform
 
 def direction(v: Vector, axis: int = 2) -> tuple[Vector, Number]:
     """(the direction of v, its length): at 0 that of an axis, with the derivatives of a plane across it."""
-    return _direction(v, Vector(*(constant(v.x, int(i == axis)) for i in range(3))), v[axis])
+    return direction_or(v, Vector(*(constant(v.x, int(i == axis)) for i in range(3))), v[axis])
 
 
-def _direction(v: Vector, normal: Vector, distance: Number) -> tuple[Vector, Number]:
+def direction_or(v: Vector, normal: Vector, distance: Number) -> tuple[Vector, Number]:
     """(the direction of v, its length): at 0 that of a plane."""
     # Compilers flush subnormal numbers to zero, and 1 / |v| is to stay finite.
     x, y, z = (abs(high(c)) < np.finfo(high(c).dtype).tiny for c in v)
@@ -94,7 +94,7 @@ def _stairs(p: Vector, X: Pose, run: Numbers, rise: Numbers, *, steps: int) -> l
     is_on_riser = below < 0
     plane = Vector(where(is_on_riser, one, zero), zero, where(is_on_riser, zero, one))
     behind, below = _positive(behind), _positive(below)
-    m, inside = _direction(Vector(behind, zero, below), plane, where(is_on_riser, behind, below))
+    m, inside = direction_or(Vector(behind, zero, below), plane, where(is_on_riser, behind, below))
     # NaN is outside.
     is_inside = outside <= 0
     normal = Vector(where(is_inside, -m.x, -n.x), zero, where(is_inside, m.z, n.z))

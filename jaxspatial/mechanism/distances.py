@@ -1,0 +1,468 @@
+"""Distances between shapes, and their closest points: spheres, capsules, boxes, and half spaces under them."""
+
+import functools
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxspatial.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, direction_or, local
+from jaxspatial.numerics import check
+from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
+from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, where
+from jaxspatial.numerics.quantity import exported
+from jaxspatial.numerics.types import PrecisionName
+
+# In units of eps and of the largest length: lines that are as near cross, and edges that are as parallel have no common
+# perpendicular.
+NONE = 4
+
+
+@exported
+class ClosestPoints(NamedTuple):
+    """Where two shapes are closest.
+
+    distance: (*batch,) m, below zero where they penetrate. normal: (*batch, 3) of unit length, from shape a to shape b:
+        along it they come apart. point_a, point_b: (*batch, 3) on the surfaces, in the axes and from the origin of the
+        placements: point_b - point_a is the distance times the normal.
+    """
+
+    distance: jax.Array
+    normal: jax.Array
+    point_a: jax.Array
+    point_b: jax.Array
+
+
+def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Array:
+    """The signed distance between two shapes: of their closest points, or, where they penetrate, less how far they have
+    to move to come apart.
+
+        X_WF = js.forward_kinematics(mech, q, frames)
+        links = js.Capsule(radii, lengths, X_WF)                     # a batch of n
+        i, j = np.triu_indices(n, 1)
+        of_pairs = js.distance(*(jax.tree.map(lambda x: x[k], links) for k in (i, j)))
+
+    A Sphere may be beside any shape; a Capsule or a Box beside a Capsule, a Box or a HalfSpace. The distance can be
+    differentiated by placements and sizes, any number of times. Where the closest points jump, or the direction in
+    which shapes come apart, derivatives are those of one side. Axes of capsules that cross come apart along their
+    common perpendicular, and along x of a where they are parallel.
+
+    Args:
+        a: a shape; its placement and that of b are in the same axes, from the same origin.
+        b: another; batch shapes broadcast.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        The distances (*batch,), m.
+
+    Raises:
+        TypeError: one is no shape, dtypes differ, or there is no distance between these two.
+        ValueError: batch shapes do not broadcast.
+
+    Error: at most 64 u (|p_AB| + sizes of both) and 4 u of the positions of both, in every precision; of a Sphere that
+        of the shape beside it.
+    """
+    return _of(a, b, "distance")[0](precision)
+
+
+def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> ClosestPoints:
+    """The closest points of two shapes, the direction from one to the other, and their distance.
+
+    Shapes and distances are those of `distance`. Where several points are as close, as between parallel faces, it is
+    one of them, and derivatives are those of that one: without curvature of its choice. Where shapes penetrate, the
+    points are those that touch once b has moved out along the normal.
+
+    Args:
+        a: a shape, as of `distance`.
+        b: another; batch shapes broadcast.
+        precision: name of a precision; None takes the default.
+
+    Returns:
+        ClosestPoints over the common batch.
+
+    Raises:
+        TypeError: one is no shape, dtypes differ, or there is no distance between these two.
+        ValueError: batch shapes do not broadcast.
+
+    Error: of the distance that of `distance`; points are closest for shapes that are as far away as that.
+    """
+    return _of(a, b, "closest_points")[1](precision)
+
+
+def _of(a: Any, b: Any, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+    """(the distance, the ClosestPoints) of two shapes, as functions of the precision."""
+    for name, x in (("a", a), ("b", b)):
+        if not isinstance(x, Shape):
+            check.refuse(f"{what}: {name}", "a shape, such as js.Capsule", x)
+    check.require_same_dtype(a=a, b=b)
+    check.common_batch_shape(a=a.batch_shape, b=b.batch_shape)
+    a, b = check.narrowed((a, b))
+    if isinstance(b, Sphere) or (isinstance(b, _CORES) and isinstance(a, HalfSpace)):
+        beside = _beside_sphere if isinstance(b, Sphere) else _beside_half_space
+        found = functools.partial(beside, b, a)
+        return lambda precision: found(precision).distance, lambda precision: _reversed(found(precision))
+    if isinstance(a, Sphere) or (isinstance(a, _CORES) and isinstance(b, HalfSpace)):
+        beside = _beside_sphere if isinstance(a, Sphere) else _beside_half_space
+        found = functools.partial(beside, a, b)
+        return lambda precision: found(precision).distance, found
+    for x in (a, b):
+        if not isinstance(x, _CORES):
+            kinds = f"{type(a).__name__} and {type(b).__name__}"
+            raise TypeError(
+                f"{what}: expected a Sphere, or a Capsule or a Box and one of these or a HalfSpace, got {kinds}"
+            )
+    if isinstance(a, Box) and isinstance(b, Capsule):
+        pair = _Cores.of(b), _Cores.of(a)
+        return lambda p: _distance(_Beside(b, a), p, *pair), lambda p: _reversed(_points(_Beside(b, a), p, *pair))
+    pair = _Cores.of(a), _Cores.of(b)
+    return lambda p: _distance(_Beside(a, b), p, *pair), lambda p: _points(_Beside(a, b), p, *pair)
+
+
+def _reversed(x: ClosestPoints) -> ClosestPoints:
+    return ClosestPoints(x.distance, -x.normal, x.point_b, x.point_a)
+
+
+# -- beside spheres and half spaces -----------------------------------------------------------------------------------
+
+
+def _beside_sphere(a: Sphere, b: Shape, precision: PrecisionName) -> ClosestPoints:
+    center = a.pose.p
+    n, from_center = b.normals_and_distances(precision, jnp.asarray(center))
+    radius = jnp.broadcast_to(a.radius, from_center.shape)
+    return ClosestPoints(*_around(precision, center, n, *map(check.expanded, (from_center, radius))))
+
+
+@formula
+def _around(center: Vector, n: Vector, distance: Numbers, radius: Numbers) -> list[Any]:
+    return [distance[0] - radius[0], -n, center - radius[0] * n, center - distance[0] * n]
+
+
+def _beside_half_space(a: Any, b: HalfSpace, precision: PrecisionName) -> ClosestPoints:
+    """Of a capsule or a box: of the corner that is deepest, the one of larger coordinates of some that are."""
+    core = _Cores.of(a)
+    n, _ = b.normals_and_distances(precision, jnp.asarray(core.pose.p))
+    lowest = _placed(precision, core.pose, core.half, _lowest(precision, core.pose, n))
+    from_center = b.normals_and_distances(precision, lowest)[1]
+    radius = jnp.broadcast_to(core.radius, (*from_center.shape, 1))
+    return ClosestPoints(*_around(precision, lowest, n, check.expanded(from_center), radius))
+
+
+@formula
+def _lowest(X: Pose, n: Vector) -> Vector:
+    return Vector(*(where(x > 0, constant(x, -1), 1.0) for x in X.R.T @ n))
+
+
+@formula
+def _placed(X: Pose, half: Vector, shares: Vector) -> Vector:
+    return X.p + X.R @ _times(half, shares)
+
+
+def _times(half: Vector, shares: Vector) -> Vector:
+    return Vector(*(h * s for h, s in zip(half, shares, strict=True)))
+
+
+# -- capsules and boxes -----------------------------------------------------------------------------------------------
+
+
+_CORES = Capsule, Box
+
+
+class _Cores(NamedTuple):
+    """Boxes, and lines as boxes, with something around: all points p + R (half x) with |x| <= 1, and the radius about.
+
+    half (*batch, 3), radius (*batch, 1).
+    """
+
+    pose: Pose
+    half: Any
+    radius: Any
+
+    @classmethod
+    def of(cls, shape: Any) -> "_Cores":
+        if isinstance(shape, Box):
+            return cls(shape.pose, shape.size / 2, np.zeros(1, shape.dtype))
+        library = np if isinstance(shape.length, np.ndarray) else jnp
+        zero = library.zeros_like(shape.length)
+        return cls(shape.pose, library.stack([zero, zero, shape.length / 2], -1), check.expanded(shape.radius))
+
+
+class _Beside:
+    """The kinds of two shapes."""
+
+    def __init__(self, a: Any, b: Any):
+        self.features = {(Capsule, Capsule): _of_lines, (Capsule, Box): _of_line_and_box, (Box, Box): _of_boxes}[
+            type(a), type(b)
+        ]
+
+
+class _Features(NamedTuple):
+    """Where two cores are closest. of_a, of_b (*batch, 3): shares of half sizes, from -1 to 1. apart (*batch, 3): the
+    direction in which they come apart, where `penetrate` (*batch, 1) is one, or else where they touch."""
+
+    of_a: Any
+    of_b: Any
+    apart: Any
+    penetrate: Any
+
+
+def _distance(kinds: _Beside, precision: PrecisionName, *pair: Any) -> jax.Array:
+    leaves, structure = jax.tree.flatten(pair)
+    is_data = [not isinstance(x, np.ndarray) for x in leaves]
+
+    def cores(data: Sequence[Any]) -> Any:
+        rest = iter(data)
+        whole = [next(rest) if own else x for own, x in zip(is_data, leaves, strict=True)]
+        return jax.tree.unflatten(structure, whole)
+
+    def apart(data: Any, features: _Features) -> Any:
+        a, b = cores(data)
+        return _separation(precision, a, b, features)[0]
+
+    # The closest points do not count in first derivatives: to differentiate them would bring in rounding errors, which
+    # are large where lines are nearly parallel. Second derivatives are those of the first.
+    @jax.custom_jvp
+    def of(*data: Any) -> Any:
+        return apart(data, kinds.features(precision, *cores(data)))
+
+    @of.defjvp
+    def _(primals: Any, tangents: Any) -> Any:
+        features = kinds.features(precision, *cores(primals))
+        return jax.jvp(lambda *data: apart(data, features), primals, tangents)
+
+    return of(*(x for own, x in zip(is_data, leaves, strict=True) if own))
+
+
+def _points(kinds: _Beside, precision: PrecisionName, a: _Cores, b: _Cores) -> ClosestPoints:
+    found = _separation(precision, a, b, kinds.features(precision, a, b))
+    return ClosestPoints(_distance(kinds, precision, a, b), *found[1:])
+
+
+def _separation(precision: PrecisionName, a: _Cores, b: _Cores, at: _Features) -> list[Any]:
+    """The numbers of ClosestPoints."""
+    return _separated(precision, a.pose, a.half, a.radius, b.pose, b.half, b.radius, *at)
+
+
+@formula
+def _separated(
+    X_A: Pose, half_a: Vector, r_a: Numbers, X_B: Pose, half_b: Vector, r_b: Numbers,
+    of_a: Vector, of_b: Vector, apart: Vector, penetrate: Numbers,
+) -> list[Any]:  # fmt: skip
+    own, other = X_A.R @ _times(half_a, of_a), X_B.R @ _times(half_b, of_b)
+    w = (X_B.p - X_A.p) + (other - own)
+    n, length = direction_or(w, apart, dot(apart, w))
+    is_penetrating = high(penetrate[0]) > 0
+    n = Vector(*(where(is_penetrating, x, y) for x, y in zip(apart, n, strict=True)))
+    length = where(is_penetrating, dot(apart, w), length)
+    return [length - r_a[0] - r_b[0], n, X_A.p + own + r_a[0] * n, X_B.p + other - r_b[0] * n]
+
+
+@formula
+def _of_two_lines(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[Any]:
+    """Of lines along z: the least of the distances between one end and the other line, and of that between points
+    inside both. [Ericson 2005, 5.1.9]
+
+    With the sum u and the difference v of the directions, which are perpendicular, the last is two problems of one
+    unknown each: no determinant that vanishes for parallel lines.
+    """
+    a, b = X_A.R.T.z, X_B.R.T.z
+    (x, y, z, h_a, h_b), _ = scaled((*(X_B.p - X_A.p), half_a.z, half_b.z))
+    r = Vector(x, y, z)
+    u, v = a + b, b - a
+
+    def on_a(t: Number) -> Number:
+        return _clipped(dot(r + t * b, a), h_a)
+
+    def on_b(s: Number) -> Number:
+        return _clipped(-dot(r - s * a, b), h_b)
+
+    sums = differences = constant(h_a, 0)
+    for _ in range(2):
+        w = r + differences * v - sums * u
+        sums, differences = sums + _quotient(dot(w, u), dot(u, u)), differences - _quotient(dot(w, v), dot(v, v))
+    s = on_a(_clipped(differences - sums, h_b))
+    t = on_b(s)
+    w = r + t * b - s * a
+    least = dot(w, w)
+    for x, y in (*((x, on_b(x)) for x in (h_a, -h_a)), *((on_a(x), x) for x in (h_b, -h_b))):
+        w = r + y * b - x * a
+        square = dot(w, w)
+        is_nearer = square < least
+        least, s, t = where(is_nearer, square, least), where(is_nearer, x, s), where(is_nearer, y, t)
+    n, is_parallel = _across(a, b)
+    n = Vector(*(where(is_parallel, x, y) for x, y in zip(X_A.R.T.x, n, strict=True)))
+    eps = float(check.finfo(h_a.dtype).eps)
+    zero = constant(h_a, 0)
+    touch = where(least <= (NONE * eps) ** 2, constant(h_a, 1), zero)
+    return [Vector(zero, zero, _quotient(s, h_a)), Vector(zero, zero, _quotient(t, h_b)), n, (touch,)]
+
+
+def _clipped(x: Number, half: Number) -> Number:
+    return where(x > half, half, where(x < -half, -half, x))
+
+
+def _quotient(x: Number, y: Number) -> Number:
+    """x / y, and 0 where y is."""
+    is_zero = high(y) == 0
+    return where(is_zero, 0.0, x / where(is_zero, 1.0, y))
+
+
+def _across(a: Vector, b: Vector) -> tuple[Vector, Any]:
+    """(the common perpendicular of two unit vectors, whether they are parallel, to rounding).
+
+    As the product of their sum and difference, made perpendicular: it keeps its digits where they are nearly parallel.
+    """
+    u, v = a + b, b - a
+    is_acute = high(dot(a, b)) >= 0
+    large = Vector(*(where(is_acute, x, y) for x, y in zip(u, v, strict=True)))
+    small = Vector(*(where(is_acute, y, x) for x, y in zip(u, v, strict=True)))
+    small = small - (dot(small, large) / dot(large, large)) * large
+    eps = float(check.finfo(a.x.dtype).eps)
+    is_parallel = high(dot(small, small)) <= (NONE * eps) ** 2
+    product = cross(large, small)
+    return unit(Vector(*(where(is_parallel, float(i == 0), x) for i, x in enumerate(product)))), is_parallel
+
+
+def _of_lines(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
+    return _Features(*_of_two_lines(precision, a.pose, a.half, b.pose, b.half))
+
+
+# -- lines and boxes --------------------------------------------------------------------------------------------------
+
+
+@formula
+def _in_b(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[Any]:
+    """The pose of A in the axes of B and the half sizes of both, in units of the largest length."""
+    R, p = X_B.R.T @ X_A.R, X_B.R.T @ (X_A.p - X_B.p)
+    (p, half_a, half_b), _ = scaled((*p, *half_a, *half_b))
+    return [R, p, half_a, half_b]
+
+
+def _unit_vector(like: Number, k: int) -> Vector:
+    x, y, z = (constant(like, int(i == k)) for i in range(3))
+    return Vector(x, y, z)
+
+
+def _gap(p: Vector, R: Matrix, half_a: Vector, half_b: Vector, is_line: bool) -> tuple[Number, Vector]:
+    """The widest gap between two boxes along normals of faces and common perpendiculars of edges, below zero where they
+    penetrate, and its direction from B to A: of two sums of lines no other directions come into question."""
+    columns, e = R.T, [_unit_vector(p.x, k) for k in range(3)]
+    of_a, of_b = [(columns[k], half_a[k]) for k in range(3)], [(e[k], half_b[k]) for k in range(3)]
+    axes: list[tuple[Vector, Any]] = [(x, None) for x in (e if is_line else (*e, *columns))]
+    axes += [_across(columns[k], e[i]) for k in ((2,) if is_line else range(3)) for i in range(3)]
+    widest = normal = None
+    for n, is_none in axes:
+        along = dot(p, n)
+        reach = [half * abs(dot(x, n)) for x, half in (*of_a, *of_b)]
+        gap = abs(along) - functools.reduce(lambda x, y: x + y, reach)
+        outward = Vector(*(where(along < 0, -c, c) for c in n))
+        if widest is None or normal is None:
+            widest, normal = gap, outward
+            continue
+        # Rounding errors do not choose an edge in place of a face.
+        is_wider = gap > widest + NONE * float(check.finfo(p.x.dtype).eps)
+        is_wider = is_wider if is_none is None else is_wider & ~is_none
+        widest = where(is_wider, gap, widest)
+        normal = Vector(*(where(is_wider, x, y) for x, y in zip(outward, normal, strict=True)))
+    assert widest is not None and normal is not None
+    return widest, normal
+
+
+def _apart(R: Matrix, p: Vector, half_a: Vector, half_b: Vector, X_B: Matrix, *, is_line: bool) -> list[Any]:
+    """p of A moved out of B, where they penetrate; the direction from A to B in the world; whether they penetrate."""
+    gap, n = _gap(p, R, half_a, half_b, is_line)
+    is_in = high(gap) < 0
+    moved = p - where(is_in, gap, 0.0) * n
+    return [moved, X_B @ -n, (where(is_in, constant(gap, 1), constant(gap, 0)),)]
+
+
+_moved_apart = formula(_apart)
+
+
+@formula
+def _line_to_box(c: Vector, e: Vector, half: Numbers, box: Vector) -> list[Any]:
+    """Of the points c + s e, |s| <= half, the nearest to a box: (s / half, shares of the box, the squared distance).
+
+    The derivative by s of half the square is piecewise linear, and never falls. Its zero is between the bounds of two
+    slabs, or of the line, that are next to one another.
+    """
+    h = half[0]
+
+    def beyond(s: Number) -> Vector:
+        return Vector(*(x - _clipped(x, b) for x, b in zip(c + s * e, box, strict=True)))
+
+    def slope(s: Number) -> Number:
+        return dot(e, beyond(s))
+
+    low, high_, g_low, g_high = -h, h, slope(-h), slope(h)
+    # Where it has one sign, an end is nearest.
+    is_first, is_last = g_low >= 0, g_high <= 0
+    both = is_first & is_last
+    for x, d, b in zip(c, e, box, strict=True):
+        is_along = high(abs(d)) == 0
+        per = where(is_along, 1.0, d)
+        for side in (b, -b):
+            s = _clipped(where(is_along, 0.0, (side - x) / per), h)
+            g = slope(s)
+            is_below, is_above = (g <= 0) & (s > low), (g >= 0) & (s < high_)
+            low, g_low = where(is_below, s, low), where(is_below, g, g_low)
+            high_, g_high = where(is_above, s, high_), where(is_above, g, g_high)
+    rise = g_high - g_low
+    is_flat = high(rise) <= 0
+    between = low - (g_low / where(is_flat, 1.0, rise)) * (high_ - low)
+    s = where(is_flat, halved(low + high_), between)
+    s = where(is_first & ~both, -h, where(is_last & ~both, h, _clipped(s, h)))
+    at, w = c + s * e, beyond(s)
+    return [(_quotient(s, h),), _shares(at, box), (dot(w, w),)]
+
+
+def _shares(x: Vector, half: Vector) -> Vector:
+    return Vector(*(_quotient(_clipped(c, h), h) for c, h in zip(x, half, strict=True)))
+
+
+@formula
+def _point_to_box(p: Vector, X: Pose, box: Vector) -> list[Any]:
+    """(shares of the box, the squared distance) of a point from a box at X."""
+    x = local(p, X)
+    w = Vector(*(c - _clipped(c, b) for c, b in zip(x, box, strict=True)))
+    return [_shares(x, box), (dot(w, w),)]
+
+
+def _of_line_and_box(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
+    R, p, half_a, half_b = _in_b(precision, a.pose, a.half, b.pose, b.half)
+    moved, n, is_in = _moved_apart(precision, R, p, half_a, half_b, b.pose.R, is_line=True)
+    share, of_b, _ = _line_to_box(precision, moved, R[..., 2::3], half_a[..., 2:], half_b)
+    zero = jnp.zeros_like(share)
+    return _Features(jnp.concatenate([zero, zero, share], -1), of_b, n, is_in)
+
+
+# The corners of a box, and its edges: of each its axis, and the shares of its middle.
+_CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
+_AXES = np.repeat(np.arange(3), 4)
+_MIDDLES = np.array([np.insert(x, k, 0) for k in range(3) for x in itertools.product((-1, 1), repeat=2)])
+
+
+def _of_boxes(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
+    """The closest of the edges of A and the box B, and of the corners of B and the box A."""
+    R, p, half_a, half_b = _in_b(precision, a.pose, a.half, b.pose, b.half)
+    moved, n, is_in = _moved_apart(precision, R, p, half_a, half_b, b.pose.R, is_line=False)
+    R_, moved, own, other = (x[..., None, :] for x in (R, moved, half_a, half_b))
+    dtype = np.dtype(p.dtype)
+    middles, corners = _MIDDLES.astype(dtype), _CORNERS.astype(dtype)
+    centers = _placed(precision, Pose(R_, moved), own, middles)
+    edges = jnp.stack([R[..., k::3] for k in _AXES], -2)
+    lengths = jnp.stack([half_a[..., k : k + 1] for k in _AXES], -2)
+    share, of_b, squares = _line_to_box(precision, centers, edges, lengths, other)
+    batch = share.shape[:-2]
+    is_along = jnp.asarray(_AXES[:, None] == np.arange(3))
+    of_a = jnp.where(is_along, share, jnp.broadcast_to(middles, (*batch, 12, 3)))
+    at = jnp.broadcast_to(other, (*batch, 8, 3)) * jnp.broadcast_to(corners, (*batch, 8, 3))
+    corners_a, more = _point_to_box(precision, at, Pose(R_, moved), own)
+    of_a = jnp.concatenate([of_a, corners_a], -2)
+    of_b = jnp.concatenate([of_b, jnp.broadcast_to(corners, (*batch, 8, 3))], -2)
+    nearest = jnp.argmin(jnp.concatenate([squares, more], -2)[..., 0], -1)[..., None, None]
+    of_a, of_b = (jnp.take_along_axis(x, nearest, -2)[..., 0, :] for x in (of_a, of_b))
+    return _Features(of_a, of_b, n, is_in)

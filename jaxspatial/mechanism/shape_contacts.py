@@ -1,0 +1,127 @@
+"""Shapes on bodies, which spheres on other bodies touch."""
+
+import json
+from collections.abc import Iterable
+from dataclasses import KW_ONLY
+from typing import TYPE_CHECKING, Any, Self
+
+import jax
+import jax.export
+import numpy as np
+
+from jaxspatial.mechanism.forces import names_of_frames
+from jaxspatial.mechanism.shapes import Shape
+from jaxspatial.numerics import check
+from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.types import ArrayLike, DTypeLike
+
+_LAW = ("stiffness", "relaxation_time", "friction")
+
+
+@tree_of("frames")
+class ShapeContacts:
+    """A shape on each of some named frames, for the `pairs` of a step: spheres on other bodies touch it.
+
+        crate = js.ShapeContacts(["crate"] * 8, js.Box([0.4, 0.4, 0.2]), **law)
+        js.convex_step(mech, q, v, tau, dt, pairs=(crate, corners_of_another))
+
+    Sphere i of the other touches the shape on frame i: a name comes once for each sphere that may touch its shape.
+
+    Args:
+        frames: names of frames, n of them; static.
+        shape: where the shape is in each of the frames: a Box, a Sphere, a HalfSpace, a Union; or any other. The
+            `placement` is in the axes of the frame. Of a batch each frame has its own: the last axis of the batch is
+            over n, or 1.
+        stiffness: k, N/m, above zero: a number, (n,) or (*batch, n), as all that follow.
+        relaxation_time: tau_d, s.
+        friction: the coefficient of Coulomb friction.
+
+    Raises:
+        TypeError: frames are no names, shape is no shape, or dtypes differ.
+        ValueError: shapes do not fit, or a number known while tracing is negative, a stiffness zero.
+
+    Error: none, nothing is computed.
+    """
+
+    frames: tuple[str, ...]
+    shape: Shape
+    _: KW_ONLY
+    stiffness: jax.Array
+    relaxation_time: jax.Array
+    friction: jax.Array
+
+    # Shapes are about the origins of their frames.
+    positions = None
+
+    if TYPE_CHECKING:
+
+        def __init__(
+            self,
+            frames: Iterable[str],
+            shape: Shape,
+            *,
+            stiffness: ArrayLike,
+            relaxation_time: ArrayLike,
+            friction: ArrayLike,
+        ): ...
+
+    def __post_init__(self) -> None:
+        frames = names_of_frames("ShapeContacts", self.frames)
+        object.__setattr__(self, "frames", frames)
+        given = {name: getattr(self, name) for name in _LAW}
+        if all(map(check.is_tree_mark, (*given.values(), *jax.tree.leaves(self.shape)))):
+            return
+        if not isinstance(self.shape, Shape):
+            check.refuse("ShapeContacts: shape", "a shape, such as js.Box", self.shape)
+        n = len(frames)
+        if self.shape.batch_shape and self.shape.batch_shape[-1] not in (1, n):
+            raise ValueError(
+                f"ShapeContacts: shape: expected one, or a batch (*batch, {n}), got {self.shape.batch_shape}"
+            )
+        dtype = self.shape.dtype
+        arrays = {k: _per_frame(k, x, n, dtype) for k, x in given.items()}
+        check.require_same_dtype(shape=self.shape, **arrays)
+        for name, x in arrays.items():
+            object.__setattr__(self, name, check.owned(x))
+
+    @property
+    def batch_shape(self) -> tuple[int, ...]:
+        """The batch shape, without the axis over frames."""
+        shapes = (self.shape.batch_shape, *(getattr(self, k).shape for k in _LAW))
+        return check.broadcast_shapes(*(s[:-1] for s in shapes))
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The dtype of the numbers."""
+        return self.shape.dtype
+
+    def astype(self, dtype: DTypeLike | None) -> Self:
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
+
+    def __repr__(self) -> str:
+        numbers = ", ".join(f"{k}={check.shown(getattr(self, k), 0)}" for k in _LAW)
+        return f"ShapeContacts({list(self.frames)}, {self.shape!r}, {numbers})"
+
+
+def _per_frame(name: str, x: Any, n: int, dtype: DTypeLike) -> Any:
+    what = f"ShapeContacts: {name}"
+    if x is None:
+        raise TypeError(f"{what}: expected a number, ({n},) or (*batch, {n}), got None")
+    array: Any = check.as_float_array(x, what, dtype, held=True)
+    if array.shape[-1:] not in ((), (n,)):
+        raise ValueError(f"{what}: expected a number, or shape (*batch, {n}), got {array.shape}")
+    if isinstance(array, np.ndarray):
+        least = "above 0" if name == "stiffness" else "of at least 0"
+        # NaN passes, and gives NaN.
+        if (array <= 0).any() if name == "stiffness" else (array < 0).any():
+            raise ValueError(f"{what}: expected numbers {least}, got {x}")
+    return array
+
+
+jax.export.register_pytree_node_serialization(
+    ShapeContacts,
+    serialized_name="jaxspatial.ShapeContacts",
+    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
+    deserialize_auxdata=lambda data: (tuple(json.loads(data)[0]),),
+)
