@@ -38,8 +38,7 @@ class ClosestPoints(NamedTuple):
 
 
 def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Array:
-    """The signed distance between two shapes: of their closest points, or, where they penetrate, less how far they have
-    to move to come apart.
+    """The signed distance between two shapes: below zero how far they have to move to come apart.
 
         X_WF = js.forward_kinematics(mech, q, frames)
         links = js.Capsule(radii, lengths, X_WF)                     # a batch of n
@@ -65,6 +64,11 @@ def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Arra
 
     Error: at most 64 u (|p_AB| + sizes of both) and 4 u of the positions of both, in every precision; of a Sphere that
         of the shape beside it.
+
+    Example:
+        >>> aside = js.RigidTransform(js.Rotation.identity(), [3.0, 0.0, 0.0])
+        >>> print(js.distance(js.Box([2.0, 2.0, 2.0]), js.Sphere(0.5, aside)))
+        1.5
     """
     return _of(a, b, "distance")[0](precision)
 
@@ -89,6 +93,12 @@ def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> Cl
         ValueError: batch shapes do not broadcast.
 
     Error: of the distance that of `distance`; points are closest for shapes that are as far away as that.
+
+    Example:
+        >>> aside = js.RigidTransform(js.Rotation.identity(), [3.0, 0.0, 0.0])
+        >>> found = js.closest_points(js.Box([2.0, 2.0, 2.0]), js.Sphere(0.5, aside))
+        >>> print(found.point_a, found.point_b)
+        [1. 0. 0.] [2.5 0.  0. ]
     """
     return _of(a, b, "closest_points")[1](precision)
 
