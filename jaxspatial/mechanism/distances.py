@@ -142,8 +142,7 @@ def _reversed(x: ClosestPoints) -> ClosestPoints:
 def _beside_sphere(a: Sphere, b: Shape, precision: PrecisionName) -> ClosestPoints:
     center = a.pose.p
     n, from_center = b.normals_and_distances(precision, jnp.asarray(center))
-    radius = jnp.broadcast_to(a.radius, from_center.shape)
-    return ClosestPoints(*_around(precision, center, n, *map(check.expanded, (from_center, radius))))
+    return ClosestPoints(*_around(precision, center, n, *map(check.expanded, (from_center, a.radius))))
 
 
 @formula
@@ -157,8 +156,7 @@ def _beside_half_space(a: Any, b: HalfSpace, precision: PrecisionName) -> Closes
     n, _ = b.normals_and_distances(precision, jnp.asarray(core.pose.p))
     lowest = _placed(precision, core.pose, core.half, _lowest(precision, core.pose, n))
     from_center = b.normals_and_distances(precision, lowest)[1]
-    radius = jnp.broadcast_to(core.radius, (*from_center.shape, 1))
-    return ClosestPoints(*_around(precision, lowest, n, check.expanded(from_center), radius))
+    return ClosestPoints(*_around(precision, lowest, n, check.expanded(from_center), core.radius))
 
 
 @formula

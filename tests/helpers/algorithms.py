@@ -67,6 +67,7 @@ ALGORITHMS = {
     "constraint_error": lambda mech, q, v, a: js.constraint_error(mech, q, LOOPS),
     "constraint_jacobian": lambda mech, q, v, a: js.constraint_jacobian(mech, q, LOOPS),
     "contact_forces": lambda mech, q, v, a: js.contact_forces(mech, q, v, CONTACTS, GROUND),
+    "contact_report": lambda mech, q, v, a: js.contact_report(mech, q, v, CONTACTS, GROUND),
     "convex_step": lambda mech, q, v, a: js.convex_step(mech, q, v, a, H, contacts=CONTACTS, ground=GROUND),
     "difference": lambda mech, q, v, a: js.difference(mech, q, js.integrate(mech, q, v, H)),
     "forward_dynamics": js.forward_dynamics,

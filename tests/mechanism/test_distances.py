@@ -44,7 +44,7 @@ def reference(a, b, i):
             np.concatenate([lines[: len(of_a)], -lines[len(of_a) :]]).T, p, (-1, 1), tol=1e-15, method="bvls"
         )
         apart = np.sqrt(2 * found.cost)
-    if apart < 1e-10 and len(lines) > 2:
+    if apart < (1e-10 if len(lines) == 6 else 1e-14) and len(lines) > 2:
         # Also of lines without a length: those of a box are perpendicular.
         rows = [np.asarray(x.placement.rotation.to_matrix(), float)[i].T for x in (a, b)]
         axes = np.concatenate([x if len(n) == 3 else x[2:] for x, n in zip(rows, (of_a, of_b), strict=True)])
@@ -265,6 +265,27 @@ def test_a_ball_is_beside_any_shape(kind):
             np.testing.assert_array_equal(back.normal, -found.normal)
         np.testing.assert_allclose(back.distance, found.distance, rtol=0, atol=1e-15)
         np.testing.assert_allclose(back.point_a, found.point_b, rtol=0, atol=1e-15)
+
+
+def test_batches_of_some_numbers_alone():
+    """Of radii beside one place, of places beside one size."""
+    radii, X = np.float32([0.1, 0.2]), placed(np.zeros((2, 3)), [[0, 0, 1], [0, 0, 2]], F32)
+    far = js.Capsule(np.float32(0.1), np.float32(1), placed([0, 0, 0.0], [3, 0, 0], F32))
+    for a, b in (
+        (js.Sphere(radii), js.HalfSpace(np.float32([0, 0, 1]), np.float32(-1))),
+        (js.Sphere(np.float32(0.1)), js.Box(np.float32([1, 1, 1]), X)),
+        (js.Capsule(radii, np.float32(1)), js.HalfSpace(np.float32([0, 0, 1]), np.float32(-1))),
+        (js.Capsule(radii, np.float32(1)), far),
+        (js.Box(np.float32([1, 1, 1]), X), far),
+        (js.Box(np.float32([[1, 1, 1], [2, 2, 2]])), js.Box(np.float32([1, 1, 1]), X)),
+    ):
+        found = interpreted(js.closest_points)(a, b)
+        assert [x.shape for x in found] == [(2,), (2, 3), (2, 3), (2, 3)]
+        for k in range(2):
+            one = [jax.tree.map(lambda x, k=k: x[k] if x.shape[:1] == (2,) else x, s) for s in (a, b)]
+            own = interpreted(js.closest_points)(*one)
+            for x, y in zip(found, own, strict=True):
+                np.testing.assert_array_equal(x[k], y)
 
 
 def test_over_a_half_space():
