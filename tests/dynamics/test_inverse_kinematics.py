@@ -200,3 +200,7 @@ def test_wrong_arguments_are_told():
     ):
         with pytest.raises(error, match=message):
             call(mech, *arguments, **named)
+    body = js.Body("rock", js.SpatialInertia.solid_sphere(np.float32(1), mass=np.float32(1)))
+    rock = js.Mechanism.build([body], [js.Joint("weld", "fixed", "world", "rock")], dtype=np.float32)
+    with pytest.raises(ValueError, match="joints that move, got nv = 0"):
+        call(rock, jnp.zeros(0, np.float32), "rock", X_WT)

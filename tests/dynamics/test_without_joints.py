@@ -30,7 +30,14 @@ NAN, NOTHING = np.full(3, np.nan), np.zeros((0, 3))
 X_WF = np.array([1.0, 2, 4])
 FORCES = {"vice": js.SpatialForce(jnp.ones(3), jnp.ones(3))}
 # What has to do with forces, contacts and closures on frames of the world computes as with all others.
-COMPUTED = {js.applied_wrenches, js.close_loops, js.constraint_error, js.constraint_jacobian, js.contact_forces}
+COMPUTED = {
+    js.applied_wrenches,
+    js.close_loops,
+    js.constraint_error,
+    js.constraint_jacobian,
+    js.contact_forces,
+    js.contact_report,
+}
 
 # Closures between frames of the world that are open are refused by what closes them.
 CLOSURES = {f: ("world", "tip") for f in (js.constraint_error, js.constraint_jacobian)}
@@ -52,6 +59,15 @@ RESULTS = {
     js.interpolate: [np.zeros(0)],
     js.random_configuration: [np.zeros(0)],
     js.contact_forces: [np.zeros((1, 3)), np.zeros((1, 3))],
+    # Of a sphere of 0.5 at (1, 2, 3): it touches nothing.
+    js.contact_report: [
+        np.array([[1.0, 2, 0]]),
+        np.array([[0.0, 0, 1]]),
+        np.array([-2.5]),
+        np.zeros(1),
+        np.zeros((1, 3)),
+        np.array([False]),
+    ],
     js.convex_step: [np.zeros(0), np.zeros(0), np.array(0.0), np.array(0)],
     js.kinetic_energy: [np.array(0.0)],
     js.potential_energy: [np.array(0.0)],
@@ -104,7 +120,8 @@ def test_the_table_has_all_functions():
         for f in vars(js).values()
         if inspect.isfunction(f) and f.__module__.startswith(("jaxspatial.dynamics", "jaxspatial.contact"))
     }
-    assert functions < {*RESULTS}
+    # Inverse kinematics of what does not move is refused, in `test_inverse_kinematics`.
+    assert functions - {js.inverse_kinematics} < {*RESULTS}
 
 
 @pytest.mark.parametrize("f", RESULTS, ids=lambda f: f.__name__)
@@ -113,7 +130,7 @@ def test_results_are_empty_or_constants(f):
     for mech in (MECH,) if f in COMPUTED else (MECH, MECH.as_data(), MECH.as_static()):
         found = _called(f, mech, _arrays(f))
         for x, y in zip(found, expected, strict=True):
-            assert x.shape == y.shape and x.dtype in (np.float32, np.int32)
+            assert x.shape == y.shape and x.dtype in (np.float32, np.int32, bool)
             np.testing.assert_allclose(x, y, rtol=4e-7, atol=1e-6)
 
 
