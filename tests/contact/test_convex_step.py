@@ -455,7 +455,11 @@ def on(*frames):
     [
         ({"contacts": on("world")}, ValueError, "contacts: expected frames of moving bodies, got 'world'"),
         ({"contacts": 3.0}, TypeError, "contacts: expected PointContacts, got"),
-        ({"pairs": on("a")}, TypeError, r"pairs: expected \(a, b\), two PointContacts, got"),
+        (
+            {"pairs": on("a")},
+            TypeError,
+            r"pairs: expected \(a, b\), two PointContacts, or ShapeContacts and PointContacts, got",
+        ),
         ({"pairs": (on("a"), on("b", "c"))}, ValueError, "pairs: expected as many of one as of the other, got 1 and 2"),
         ({"pairs": (on("a"), on("a"))}, ValueError, "pairs: expected frames of two bodies, got 'a' and 'a', of one"),
         ({"loops": [js.LoopClosure("a", "nowhere", "ball")]}, KeyError, "loops: expected one of"),
