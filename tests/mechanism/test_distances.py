@@ -174,6 +174,27 @@ def test_distances_are_optima(kinds, alike, dtype):
         assert abs(own[found.distance > 0]).max() < 64 * u
 
 
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_lines_that_are_nearly_parallel(dtype):
+    """That cross at angles down to 1e-15: a determinant would leave them sqrt(eps) apart."""
+    rng, n = np.random.default_rng(0), 60
+    with jax.enable_x64(True):
+        R = js.Rotation.exp(rng.normal(size=(n, 3)))
+        angles = 10.0 ** -rng.uniform(0.5, 15, (n, 1))
+        turned = R @ js.Rotation.exp(angles * np.array([[1.0, 0, 0]]))
+        p = rng.normal(size=(n, 3))
+        q = p + 0.3 * rng.uniform(-1, 1, (n, 1)) * np.asarray(R.to_matrix())[:, :, 2]
+        entries = [np.asarray(x.entries).astype(dtype) for x in (R, turned)]
+    a, b = (
+        js.Capsule(np.zeros(n, dtype), np.full(n, 2, dtype), js.RigidTransform(js.Rotation(x), at.astype(dtype)))
+        for x, at in zip(entries, (p, q), strict=True)
+    )
+    with jax.enable_x64(dtype == F64):
+        found = interpreted(js.distance)(a, b)
+    worst = max(abs(found[i] - reference(a, b, i)) for i in range(n))
+    assert worst < 64 * np.finfo(dtype).eps / 2
+
+
 @each_pair
 def test_derivatives_are_differences(kinds):
     """By placements and sizes: first and second derivatives, of distances, and of closest points where they are one."""
