@@ -1,6 +1,7 @@
 """Terrain: ground by its heights on a grid."""
 
 import math
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Self
 
 import jax
@@ -14,7 +15,7 @@ from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, where
 from jaxspatial.numerics.quantity import tree
-from jaxspatial.numerics.types import ArrayLike, PrecisionName
+from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
 from jaxspatial.spatial import RigidTransform
 
 
@@ -115,6 +116,44 @@ class HeightField(Shape):
         image = check.as_float_array(image, "HeightField.from_image: levels", dtype, held=True)
         height = check.as_float_array(height, "HeightField.from_image: height", dtype, held=True)
         return cls(height * image[::-1].T, size, placement)
+
+    @classmethod
+    def from_mjcf(
+        cls,
+        path_or_text: Any,
+        geom: str | None = None,
+        *,
+        assets: Mapping[str, bytes] | None = None,
+        dtype: DTypeLike | None = None,
+    ) -> Self:
+        """Terrain that an MJCF has as a geom of type `hfield`.
+
+            terrain = js.HeightField.from_mjcf("hills.xml")
+
+        MuJoCo splits each cell into two triangles; here the surface of a cell is bilinear, with the same heights at its
+        corners and along its edges. The box under the field, and its depth, count for nothing.
+
+        Args:
+            path_or_text: a path; the text itself; a mujoco.MjSpec, or a mujoco.MjModel.
+            geom: its name; None for the only one.
+            assets: files that the text names, by their names.
+            dtype: of the numbers; None for the default.
+
+        Returns:
+            The HeightField, with NumPy numbers, placed where the geom is.
+
+        Raises:
+            FileNotFoundError: there is no such file.
+            ImportError: mujoco or lxml is missing.
+            ValueError: MuJoCo does not compile the file, or there is no such height field that does not move.
+
+        Error: none in the heights but that of MuJoCo's, which are float32 shares of the largest; a few u of the
+            position in the placement.
+        """
+        from jaxspatial.mechanism.formats import mjcf
+
+        heights, size, placement = mjcf.read_height_field(path_or_text, geom, assets)
+        return cls(heights, size, placement).astype(check.as_dtype(dtype))
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
         dtype = np.dtype(p.dtype)

@@ -151,3 +151,41 @@ def test_geoms_against_mujoco():
             np.testing.assert_array_equal(contacts.friction[start : start + n], model.geom_friction[g, 0])
             start += n
         assert start == len(contacts.frames)
+
+
+FIELD = """<mujoco><asset>
+  <hfield name="hills" nrow="3" ncol="4" size="2 1 0.5 0.1" elevation="0 1 2 3  4 9 6 7  8 2 10 11"/>
+</asset><worldbody>
+  <body pos="0.3 -1 2" euler="20 0 0">
+    <geom name="hills" type="hfield" hfield="hills" pos="1 0 3" euler="0 10 90"/>
+  </body>
+  <body><freejoint/><geom name="ball" size="0.1"/><geom name="stone" type="hfield" hfield="hills"/></body>
+</worldbody></mujoco>"""
+
+
+def test_height_field_is_where_rays_of_mujoco_hit_it():
+    """Between the cells, where two triangles and a bilinear surface are the same."""
+    mujoco = needs("mujoco")
+    model = mujoco.MjModel.from_xml_string(FIELD)
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    field = js.HeightField.from_mjcf(FIELD, dtype=np.float64)
+    assert field.heights.shape == (4, 3) and field.dtype == np.float64
+    R, p_WF = data.geom_xmat[0].reshape(3, 3), data.geom_xpos[0]
+    rng, hits = np.random.default_rng(0), []
+    for k in range(20):
+        x, y = (rng.choice([-2 / 3, 2 / 3]), rng.uniform(-0.99, 0.99)) if k % 2 else (rng.uniform(-1.99, 1.99), 0.0)
+        above = p_WF + R @ [x, y, 5.0]
+        hits.append(above - R[:, 2] * mujoco.mj_ray(model, data, above, -R[:, 2], None, 1, -1, np.zeros(1, np.int32)))
+    at = js.RigidTransform(js.Rotation.identity(dtype=np.float64), np.array(hits))
+    gaps = js.distance(js.Sphere(np.zeros(20), at), field)
+    np.testing.assert_allclose(gaps, 0, atol=1e-7)
+
+
+def test_a_height_field_that_moves_is_none():
+    mech = js.Mechanism.from_mjcf(FIELD)
+    assert js.PointContacts.from_mjcf(mech, FIELD, **LAW).positions.shape == (1, 3)
+    with pytest.raises(ValueError, match="expected 'stone', a height field that does not move; the file has hills"):
+        js.HeightField.from_mjcf(FIELD, "stone")
+    with pytest.raises(ValueError, match="expected the name of one, .* the file has none"):
+        js.HeightField.from_mjcf("<mujoco><worldbody/></mujoco>")

@@ -85,8 +85,38 @@ def read_shapes(path_or_text: Any, assets: Mapping[str, bytes] | None = None) ->
     without, every geom that could touch another.
     """
     file = _File(path_or_text, assets, None, False)
+    # A height field that moves has no corners to touch with.
+    has_corners = file.model.geom_type != int(file.mujoco.mjtGeom.mjGEOM_HFIELD)
     with in_double():
-        return [_shape(file, i) for i in range(file.model.ngeom) if not _is_ground(file, i)]
+        return [_shape(file, i) for i in range(file.model.ngeom) if has_corners[i] and not _is_ground(file, i)]
+
+
+def read_height_field(
+    path_or_text: Any, geom: str | None, assets: Mapping[str, bytes] | None = None
+) -> tuple[np.ndarray, np.ndarray, RigidTransform]:
+    """(heights (n_x, n_y), size (2,), X_WS) of a geom of an MJCF, for `HeightField.from_mjcf`."""
+    file = _File(path_or_text, assets, None, False)
+    m, mujoco = file.model, file.mujoco
+    is_field = m.geom_type == int(mujoco.mjtGeom.mjGEOM_HFIELD)
+    fields = {file.name("geom", i): i for i in range(m.ngeom) if is_field[i] and _is_ground(file, i)}
+    if geom is None and len(fields) == 1:
+        (geom,) = fields
+    if geom not in fields:
+        wanted = "the name of one" if geom is None else repr(geom)
+        raise ValueError(
+            f"HeightField.from_mjcf: geom: expected {wanted}, a height field that does not move; the file has "
+            f"{', '.join(fields) or 'none'}"
+        )
+    i, data = fields[geom], mujoco.MjData(m)
+    mujoco.mj_kinematics(m, data)
+    k = int(m.geom_dataid[i])
+    start, shape = int(m.hfield_adr[k]), (int(m.hfield_nrow[k]), int(m.hfield_ncol[k]))
+    levels = np.array(m.hfield_data[start : start + shape[0] * shape[1]], np.float64).reshape(shape)
+    half_x, half_y, top, _ = m.hfield_size[k].tolist()
+    wxyz = np.empty(4)
+    mujoco.mju_mat2Quat(wxyz, data.geom_xmat[i])
+    with in_double():
+        return top * levels.T, np.array([2 * half_x, 2 * half_y]), _pose(data.geom_xpos[i], wxyz)
 
 
 class ActuatorPart(NamedTuple):
