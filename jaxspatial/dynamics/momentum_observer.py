@@ -9,7 +9,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.kinematics import velocity_step
 from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import BODIES, algorithm, checked
@@ -26,7 +25,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import algebra
 
 # Error bounds of p and beta, for n links in the longest chain, and of what an update does with them.
-MOMENTUM, UPDATE = ALGORITHM, Normwise(8, "s", rounded=8)
+MOMENTUM, UPDATE = Normwise(4, "mag", per="n", u2=32), Normwise(8, "s", rounded=8)
 
 
 @tree

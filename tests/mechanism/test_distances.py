@@ -14,7 +14,12 @@ import jaxspatial as js
 from tests.helpers.interpreted import interpreted
 
 F32, F64 = np.dtype(np.float32), np.dtype(np.float64)
-mpmath.mp.dps = 50
+
+
+@pytest.fixture(autouse=True)
+def _digits():
+    with mpmath.workdps(50):
+        yield
 
 
 # -- references -------------------------------------------------------------------------------------------------------

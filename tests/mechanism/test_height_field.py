@@ -13,8 +13,13 @@ import jaxspatial as js
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 
-mpmath.mp.dps = 60
 F32, F64 = np.dtype(np.float32), np.dtype(np.float64)
+
+
+@pytest.fixture(autouse=True)
+def _digits():
+    with mpmath.workdps(60):
+        yield
 
 
 def exactly(x):
