@@ -34,8 +34,8 @@ def test_the_picture_moves_and_is_small(page):
     pytest.importorskip("matplotlib")
     from tests.helpers import quadrupeds_picture
 
-    kept = image.open(FILE)
-    assert kept.n_frames == 30 and kept.size == (880, 430) and FILE.stat().st_size < 1.5e6
+    with image.open(FILE) as kept:
+        assert kept.n_frames == 30 and kept.size == (880, 430) and FILE.stat().st_size < 1.5e6
     names = dict(page, path=np.repeat(np.asarray(page["path"]), 8, axis=0)[:25])
     pictures = list(quadrupeds_picture.drawn({**names, "pushes": np.ones((25, 3))}))
     assert len(pictures) == 2 and pictures[0].size == (880, 430)

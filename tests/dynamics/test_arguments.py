@@ -34,6 +34,7 @@ def _arguments(f, dtype, **others):
         NUMBERS[:-2], np.ones(2, dtype)
     )
     given["contacts"] = js.PointContacts(["body0"], radius=dtype(0), stiffness=1.0, relaxation_time=0.0, friction=0.5)
+    given["targets"] = np.ones(3, dtype)
     given |= {"loops": [js.LoopClosure("body0", "body1", "ball")]} | dict.fromkeys(NUMBERS[-2:], dtype(0.5))
     needed = {name for name, x in inspect.signature(f).parameters.items() if x.default is x.empty}
     return {name: x for name, x in given.items() if name in needed} | others

@@ -211,6 +211,10 @@ ALGORITHMS = {
         lambda m, q, v, a: js.contact_forces(m, q, v, spheres(q.dtype), stiction_speed=1.0).wrenches.to_array(),
         OF_FRAMES,
     ),
+    "contact_report": (
+        lambda m, q, v, a: js.contact_report(m, q, v, spheres(q.dtype)).slip,
+        OF_FRAMES,
+    ),
     "applied_wrenches": (lambda m, q, v, a: sums(m, q), (*GEOMETRY, *reading.FRAMES)),
 }
 

@@ -78,6 +78,7 @@ ALGORITHMS = {
     "interpolate": lambda mech, q, v, a: js.interpolate(mech, q, q + 0.1, F32(0.3)),
     "inverse_dynamics": lambda mech, q, v, a: js.inverse_dynamics(mech, q, v, a, _applied(v)),
     "inverse_dynamics_derivatives": js.inverse_dynamics_derivatives,
+    "inverse_kinematics": lambda mech, q, v, a: js.inverse_kinematics(mech, q, "body3", v[..., :3], iterations=2),
     "jacobian": lambda mech, q, v, a: js.jacobian(mech, q, "body3"),
     "jacobian_rate": lambda mech, q, v, a: js.jacobian_rate(mech, q, v, "body3"),
     "joint_reactions": lambda mech, q, v, a: js.joint_reactions(mech, q, v, a, {"body1": _pushed(v)}),

@@ -60,6 +60,7 @@ CALLS = {
     js.centroidal_momentum_matrix: (Q,),
     js.configuration_rates: (Q, V),
     js.contact_forces: (Q, V, FEET),
+    js.contact_report: (Q, V, FEET),
     js.difference: (Q, Q),
     js.forward_dynamics: (Q, V, T, FORCES),
     js.forward_dynamics_derivatives: (Q, V, T),
