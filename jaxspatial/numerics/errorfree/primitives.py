@@ -97,11 +97,15 @@ def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Arr
     ]
 
 
-def varying_alike(arrays: Sequence[Any]) -> list[Any]:
+def varying_alike(arrays: Sequence[Any]) -> Sequence[Any]:
     """The arrays, all varying over the axes of a `shard_map` over which any of them does. So the cotangent of one that
     does not is summed over these axes."""
-    varying: list[frozenset[Any]] = [frozenset(jax.typeof(x).mat.varying) for x in arrays]
-    missing = [tuple(frozenset[Any]().union(*varying) - axes) for axes in varying]
+    # Every call comes here: `jax.typeof` of NumPy's arrays would take microseconds.
+    none: frozenset[Any] = frozenset()
+    varying: list[frozenset[Any]] = [x.aval.mat.varying if hasattr(x, "aval") else none for x in arrays]
+    if not any(varying):
+        return arrays
+    missing = [tuple(none.union(*varying) - axes) for axes in varying]
     return [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
 
 
