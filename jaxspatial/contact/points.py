@@ -120,20 +120,18 @@ def contact_data(
     if pairs is not None:
         others, spheres = pairs
         normal, distance, from_a, from_b = between(mechanism, q, others, spheres, precision)
-        means = list[Any]()
-        for name in ("stiffness", "friction"):
-            a, b = (_each(getattr(x, name), x) for x in pairs)
-            # The harmonic mean 2 a b / (a + b), 0 where both are.
-            means.append(2 * a * (b / jnp.where(a + b == 0, 1, a + b)))
+        stiffness, friction = (
+            harmonic_mean(*(_each(getattr(x, name), x) for x in pairs)) for name in ("stiffness", "friction")
+        )
         parts.append(
             ContactData(
                 _on_frames(mechanism, spheres, from_b),
                 _on_frames(mechanism, others, from_a),
                 _flat(normal),
                 distance,
-                means[0] / 2,
+                stiffness / 2,
                 _each(others.relaxation_time, others) + _each(spheres.relaxation_time, others),
-                means[1],
+                friction,
             )
         )
     if len(parts) < 2:
@@ -176,6 +174,11 @@ def between(
     r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in (others, spheres))
     distance = length - r_A - r_B
     return normal, distance, (r_A + distance / 2)[..., None] * normal, -(r_B + distance / 2)[..., None] * normal
+
+
+def harmonic_mean(a: Any, b: Any) -> jax.Array:
+    """2 a b / (a + b), and 0 where both are."""
+    return 2 * a * (b / jnp.where(a + b == 0, 1, a + b))
 
 
 def _joined(arrays: Sequence[Any]) -> jax.Array:

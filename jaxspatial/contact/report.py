@@ -13,7 +13,7 @@ from jaxspatial.contact.explicit import (
     contact_geometry,
     point_motions,
 )
-from jaxspatial.contact.points import between
+from jaxspatial.contact.points import between, harmonic_mean
 from jaxspatial.dynamics.configuration import advance
 from jaxspatial.engine.algorithm import checked
 from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
@@ -100,12 +100,10 @@ def contact_report(
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact.
     """
     what = "contact_report"
-    at_q, at_v = checked(what, mechanism, q=q, v=v)
-    if dt is not None:
-        *_, h = checked(what, mechanism, q=q, v=v, dt=dt)
-        if mechanism.topology.turns_axes:
-            # Turning back takes the angular velocity alone, which is the same along both axes.
-            at_v = advance(precision, mechanism, at_q, at_v, -h[..., 0])[1]
+    at_q, at_v, h = checked(what, mechanism, q=q, v=v, dt=dt)
+    if h is not None and mechanism.topology.turns_axes:
+        # Turning back takes the angular velocity alone, which is the same along both axes.
+        at_v = advance(precision, mechanism, at_q, at_v, -h[..., 0])[1]
     parts, friction = list[ContactGeometry](), list[Any]()
     if contacts is not None:
         parts.append(contact_geometry(what, mechanism, at_q, at_v, contacts, ground, precision))
@@ -119,9 +117,7 @@ def contact_report(
         check.require_same_dtype(q=at_q, pairs=a)
         check.require_same_dtype(q=at_q, pairs=b)
         parts.append(_between(mechanism, at_q, at_v, a, b, precision))
-        total = a.friction + b.friction
-        mean = 2 * a.friction * (b.friction / jnp.where(total == 0, 1, total))
-        friction.append(jnp.broadcast_to(mean, parts[-1].depth.shape))
+        friction.append(jnp.broadcast_to(harmonic_mean(a.friction, b.friction), parts[-1].depth.shape))
     if not parts:
         raise ValueError(f"{what}: expected contacts or pairs, got neither")
     batch = check.broadcast_shapes(*(x.depth.shape[:-1] for x in parts))

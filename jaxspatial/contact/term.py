@@ -85,9 +85,9 @@ class Term:
     velocity of one joint it is an armature, see `joint_velocities`. Between bodies or joints it is a system of
     equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
-    has_rest: whether Newton's method finds impulse - G J x, for a direction x, other than as a difference of large
-    numbers: of terms that are very stiff. See `Rows`.
-    throws: whether impulses may throw bodies far in the first direction, beside which no contact is taken to stick.
+    has_rest: whether the term is so stiff that impulse - G J x, for a direction x, would be a difference of large
+    numbers. Newton's method then finds it in another way. See `Rows`.
+    throws: whether impulses may throw bodies far in the first direction. No contact is then taken to stick there.
     rounding_share: rounding errors, in eps, of what the law is given, see `rounding`.
     """
 

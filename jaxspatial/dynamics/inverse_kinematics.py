@@ -196,7 +196,8 @@ class _Task(NamedTuple):
             rows, error = jnp.concatenate([J[:, 0], rows], 1), jnp.concatenate([jnp.asarray(e.w), error], -1)
         A, error = fixed(rows.reshape(-1, mechanism.nv)), error.reshape(-1)
         at = _coordinates(mechanism)
-        is_low, is_high = ((x <= y)[at.of_velocities] & at.are_one for x, y in self._beside_limits(q))
+        lower, upper = self._limits(q)
+        is_low, is_high = (x[at.of_velocities] & at.are_one for x in (q <= lower, q >= upper))
         pull = jnp.matmul(error, A, precision="highest")
         is_held = is_low | is_high if to_be_differentiated else (is_low & (pull < 0)) | (is_high & (pull > 0))
         A = jnp.where(fixed(is_held), jnp.zeros_like(A), A)
@@ -214,11 +215,10 @@ class _Task(NamedTuple):
         return self.inside(integrate(self.mechanism, q, dq, precision=self.precision))
 
     def inside(self, q: Any) -> jax.Array:
-        return jnp.clip(q, *(jnp.asarray(x, q.dtype) for x in (self.mechanism.lower, self.mechanism.upper)))
+        return jnp.clip(q, *self._limits(q))
 
-    def _beside_limits(self, q: Any) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        lower, upper = (jnp.asarray(x, q.dtype) for x in (self.mechanism.lower, self.mechanism.upper))
-        return (q, lower), (upper, q)
+    def _limits(self, q: Any) -> list[jax.Array]:
+        return [jnp.asarray(x, q.dtype) for x in (self.mechanism.lower, self.mechanism.upper)]
 
 
 class _Coordinates(NamedTuple):
