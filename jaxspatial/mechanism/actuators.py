@@ -1,12 +1,10 @@
 """Actuators: motors with linear gains and limits, and how they pull at joints."""
 
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import jax
-import jax.export
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,7 +12,7 @@ from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.numbers import Number, where
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
 
 if TYPE_CHECKING:
@@ -24,7 +22,7 @@ _LIMITS = {"lower": -np.inf, "upper": np.inf, "ctrl_lower": -np.inf, "ctrl_upper
 _NUMBERS = "gain", "bias", "stiffness", "damping", *_LIMITS
 
 
-@tree_of("names", "joints")
+@exported_tree_of("names", "joints")
 class Actuators:
     """Motors that pull at joints: servos, speed controllers, motors of a torque.
 
@@ -336,16 +334,3 @@ def _sum(a: Number, b: Number) -> Number:
 @formula(by_number=True)
 def _plus(q: Number, multiplier: Number, offset: Number) -> Number:
     return multiplier * q + offset
-
-
-def _structure(data: bytes) -> tuple[Any, ...]:
-    names, joints = json.loads(data)
-    return tuple(names), tuple(map(tuple, joints))
-
-
-jax.export.register_pytree_node_serialization(
-    Actuators,
-    serialized_name="jaxspatial.Actuators",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=_structure,
-)

@@ -1,18 +1,16 @@
 """Contact of a mechanism: which points of it touch, and how stiff and rough they are."""
 
-import json
 import pathlib
 from collections.abc import Iterable, Mapping
 from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Any, Self, cast
 
 import jax
-import jax.export
 import numpy as np
 
 from jaxspatial.mechanism.forces import names_of_frames
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike
 
 if TYPE_CHECKING:
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
 _PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
 
 
-@tree_of("frames")
+@exported_tree_of("frames")
 class PointContacts:
     """Spheres on named frames that touch the ground: the `contacts` of `contact_forces`.
 
@@ -79,7 +77,7 @@ class PointContacts:
         if all(map(check.is_tree_mark, given.values())):
             return
         dtype = check.floating_dtype(*given.values())
-        arrays = {name: _per_contact(name, given[name], len(frames), dtype) for name in _PARAMETERS}
+        arrays = {name: per_frame("PointContacts", name, given[name], len(frames), dtype) for name in _PARAMETERS}
         if self.positions is not None:
             what, n = "PointContacts: positions", len(frames)
             positions = check.as_vectors(self.positions, what, dtype, many=[str(n)], held=True)
@@ -219,8 +217,9 @@ class PointContacts:
         return f"PointContacts({list(self.frames)}, {numbers})"
 
 
-def _per_contact(name: str, x: Any, n: int, dtype: DTypeLike | None) -> Any:
-    what = f"PointContacts: {name}"
+def per_frame(kind: str, name: str, x: Any, n: int, dtype: DTypeLike | None) -> Any:
+    """Checks a number of the law of contacts on n frames: one for all, or one for each; the stiffness is above zero."""
+    what = f"{kind}: {name}"
     if x is None:
         raise TypeError(f"{what}: expected a number, ({n},) or (*batch, {n}), got None")
     array = cast(Any, check.as_float_array(x, what, dtype, held=True))
@@ -240,11 +239,3 @@ def _batch_shape(name: str, x: Any) -> tuple[int, ...]:
 
 def _shown(x: Any) -> str:
     return check.shown(x, 0)
-
-
-jax.export.register_pytree_node_serialization(
-    PointContacts,
-    serialized_name="jaxspatial.PointContacts",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=lambda data: (tuple(json.loads(data)[0]),),
-)

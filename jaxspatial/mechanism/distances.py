@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, direction_or, local
+from jaxspatial.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, clipped, direction_or, local
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
@@ -111,25 +111,25 @@ def _of(a: Any, b: Any, what: str) -> tuple[Callable[..., Any], Callable[..., An
     check.require_same_dtype(a=a, b=b)
     check.common_batch_shape(a=a.batch_shape, b=b.batch_shape)
     a, b = check.narrowed((a, b))
-    if isinstance(b, Sphere) or (isinstance(b, _CORES) and isinstance(a, HalfSpace)):
-        beside = _beside_sphere if isinstance(b, Sphere) else _beside_half_space
-        found = functools.partial(beside, b, a)
-        return lambda precision: found(precision).distance, lambda precision: _reversed(found(precision))
+    kinds = f"{type(a).__name__} and {type(b).__name__}"
+    is_turned = (
+        isinstance(b, Sphere)
+        or (isinstance(a, HalfSpace) and isinstance(b, _CORES))
+        or (isinstance(a, Box) and isinstance(b, Capsule))
+    )
+    if is_turned:
+        a, b = b, a
     if isinstance(a, Sphere) or (isinstance(a, _CORES) and isinstance(b, HalfSpace)):
-        beside = _beside_sphere if isinstance(a, Sphere) else _beside_half_space
-        found = functools.partial(beside, a, b)
-        return lambda precision: found(precision).distance, found
-    for x in (a, b):
-        if not isinstance(x, _CORES):
-            kinds = f"{type(a).__name__} and {type(b).__name__}"
-            raise TypeError(
-                f"{what}: expected a Sphere, or a Capsule or a Box and one of these or a HalfSpace, got {kinds}"
-            )
-    if isinstance(a, Box) and isinstance(b, Capsule):
-        pair = _Cores.of(b), _Cores.of(a)
-        return lambda p: _distance(_Beside(b, a), p, *pair), lambda p: _reversed(_points(_Beside(b, a), p, *pair))
-    pair = _Cores.of(a), _Cores.of(b)
-    return lambda p: _distance(_Beside(a, b), p, *pair), lambda p: _points(_Beside(a, b), p, *pair)
+        points = functools.partial(_beside_sphere if isinstance(a, Sphere) else _beside_half_space, a, b)
+        apart: Callable[..., Any] = lambda precision: points(precision).distance  # noqa: E731
+    elif isinstance(a, _CORES) and isinstance(b, _CORES):
+        given = _FEATURES[type(a), type(b)], _Cores.of(a), _Cores.of(b)
+        apart, points = functools.partial(_distance, *given), functools.partial(_points, *given)
+    else:
+        raise TypeError(
+            f"{what}: expected a Sphere, or a Capsule or a Box and one of these or a HalfSpace, got {kinds}"
+        )
+    return apart, (lambda precision: _reversed(points(precision))) if is_turned else points
 
 
 def _reversed(x: ClosestPoints) -> ClosestPoints:
@@ -198,15 +198,6 @@ class _Cores(NamedTuple):
         return cls(shape.pose, library.stack([zero, zero, shape.length / 2], -1), check.expanded(shape.radius))
 
 
-class _Beside:
-    """The kinds of two shapes."""
-
-    def __init__(self, a: Any, b: Any):
-        self.features = {(Capsule, Capsule): _of_lines, (Capsule, Box): _of_line_and_box, (Box, Box): _of_boxes}[
-            type(a), type(b)
-        ]
-
-
 class _Features(NamedTuple):
     """Where two cores are closest. of_a, of_b (*batch, 3): shares of half sizes, from -1 to 1. apart (*batch, 3): the
     direction in which they come apart, where `penetrate` (*batch, 1) is one, or else where they touch."""
@@ -217,8 +208,8 @@ class _Features(NamedTuple):
     penetrate: Any
 
 
-def _distance(kinds: _Beside, precision: PrecisionName, *pair: Any) -> jax.Array:
-    leaves, structure = jax.tree.flatten(pair)
+def _distance(features_of: Callable[..., _Features], a: _Cores, b: _Cores, precision: PrecisionName) -> jax.Array:
+    leaves, structure = jax.tree.flatten((a, b))
     is_data = [not isinstance(x, np.ndarray) for x in leaves]
 
     def cores(data: Sequence[Any]) -> Any:
@@ -234,19 +225,19 @@ def _distance(kinds: _Beside, precision: PrecisionName, *pair: Any) -> jax.Array
     # are large where lines are nearly parallel. Second derivatives are those of the first.
     @jax.custom_jvp
     def of(*data: Any) -> Any:
-        return apart(data, kinds.features(precision, *cores(data)))
+        return apart(data, features_of(precision, *cores(data)))
 
     @of.defjvp
     def _(primals: Any, tangents: Any) -> Any:
-        features = kinds.features(precision, *cores(primals))
+        features = features_of(precision, *cores(primals))
         return jax.jvp(lambda *data: apart(data, features), primals, tangents)
 
     return of(*(x for own, x in zip(is_data, leaves, strict=True) if own))
 
 
-def _points(kinds: _Beside, precision: PrecisionName, a: _Cores, b: _Cores) -> ClosestPoints:
-    found = _separation(precision, a, b, kinds.features(precision, a, b))
-    return ClosestPoints(_distance(kinds, precision, a, b), *found[1:])
+def _points(features_of: Callable[..., _Features], a: _Cores, b: _Cores, precision: PrecisionName) -> ClosestPoints:
+    found = _separation(precision, a, b, features_of(precision, a, b))
+    return ClosestPoints(_distance(features_of, a, b, precision), *found[1:])
 
 
 def _separation(precision: PrecisionName, a: _Cores, b: _Cores, at: _Features) -> list[Any]:
@@ -282,16 +273,16 @@ def _of_two_lines(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[
     u, v = a + b, b - a
 
     def on_a(t: Number) -> Number:
-        return _clipped(dot(r + t * b, a), h_a)
+        return clipped(dot(r + t * b, a), h_a)
 
     def on_b(s: Number) -> Number:
-        return _clipped(-dot(r - s * a, b), h_b)
+        return clipped(-dot(r - s * a, b), h_b)
 
     sums = differences = constant(h_a, 0)
     for _ in range(2):
         w = r + differences * v - sums * u
         sums, differences = sums + _quotient(dot(w, u), dot(u, u)), differences - _quotient(dot(w, v), dot(v, v))
-    s = on_a(_clipped(differences - sums, h_b))
+    s = on_a(clipped(differences - sums, h_b))
     t = on_b(s)
     w = r + t * b - s * a
     least = dot(w, w)
@@ -306,10 +297,6 @@ def _of_two_lines(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[
     zero = constant(h_a, 0)
     touch = where(least <= (NONE * eps) ** 2, constant(h_a, 1), zero)
     return [Vector(zero, zero, _quotient(s, h_a)), Vector(zero, zero, _quotient(t, h_b)), n, (touch,)]
-
-
-def _clipped(x: Number, half: Number) -> Number:
-    return where(x > half, half, where(x < -half, -half, x))
 
 
 def _quotient(x: Number, y: Number) -> Number:
@@ -379,15 +366,13 @@ def _gap(p: Vector, R: Matrix, half_a: Vector, half_b: Vector, is_line: bool) ->
     return widest, normal
 
 
-def _apart(R: Matrix, p: Vector, half_a: Vector, half_b: Vector, X_B: Matrix, *, is_line: bool) -> list[Any]:
+@formula
+def _moved_apart(R: Matrix, p: Vector, half_a: Vector, half_b: Vector, X_B: Matrix, *, is_line: bool) -> list[Any]:
     """p of A moved out of B, where they penetrate; the direction from A to B in the world; whether they penetrate."""
     gap, n = _gap(p, R, half_a, half_b, is_line)
     is_in = high(gap) < 0
     moved = p - where(is_in, gap, 0.0) * n
     return [moved, X_B @ -n, (where(is_in, constant(gap, 1), constant(gap, 0)),)]
-
-
-_moved_apart = formula(_apart)
 
 
 @formula
@@ -400,7 +385,7 @@ def _line_to_box(c: Vector, e: Vector, half: Numbers, box: Vector) -> list[Any]:
     h = half[0]
 
     def beyond(s: Number) -> Vector:
-        return Vector(*(x - _clipped(x, b) for x, b in zip(c + s * e, box, strict=True)))
+        return Vector(*(x - clipped(x, b) for x, b in zip(c + s * e, box, strict=True)))
 
     def slope(s: Number) -> Number:
         return dot(e, beyond(s))
@@ -413,7 +398,7 @@ def _line_to_box(c: Vector, e: Vector, half: Numbers, box: Vector) -> list[Any]:
         is_along = high(abs(d)) == 0
         per = where(is_along, 1.0, d)
         for side in (b, -b):
-            s = _clipped(where(is_along, 0.0, (side - x) / per), h)
+            s = clipped(where(is_along, 0.0, (side - x) / per), h)
             g = slope(s)
             is_below, is_above = (g <= 0) & (s > low), (g >= 0) & (s < high_)
             low, g_low = where(is_below, s, low), where(is_below, g, g_low)
@@ -422,20 +407,20 @@ def _line_to_box(c: Vector, e: Vector, half: Numbers, box: Vector) -> list[Any]:
     is_flat = high(rise) <= 0
     between = low - (g_low / where(is_flat, 1.0, rise)) * (high_ - low)
     s = where(is_flat, halved(low + high_), between)
-    s = where(is_first & ~both, -h, where(is_last & ~both, h, _clipped(s, h)))
+    s = where(is_first & ~both, -h, where(is_last & ~both, h, clipped(s, h)))
     at, w = c + s * e, beyond(s)
     return [(_quotient(s, h),), _shares(at, box), (dot(w, w),)]
 
 
 def _shares(x: Vector, half: Vector) -> Vector:
-    return Vector(*(_quotient(_clipped(c, h), h) for c, h in zip(x, half, strict=True)))
+    return Vector(*(_quotient(clipped(c, h), h) for c, h in zip(x, half, strict=True)))
 
 
 @formula
 def _point_to_box(p: Vector, X: Pose, box: Vector) -> list[Any]:
     """(shares of the box, the squared distance) of a point from a box at X."""
     x = local(p, X)
-    w = Vector(*(c - _clipped(c, b) for c, b in zip(x, box, strict=True)))
+    w = Vector(*(c - clipped(c, b) for c, b in zip(x, box, strict=True)))
     return [_shares(x, box), (dot(w, w),)]
 
 
@@ -474,3 +459,6 @@ def _of_boxes(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
     nearest = jnp.argmin(jnp.concatenate([squares, more], -2)[..., 0], -1)[..., None, None]
     of_a, of_b = (jnp.take_along_axis(x, nearest, -2)[..., 0, :] for x in (of_a, of_b))
     return _Features(of_a, of_b, n, is_in)
+
+
+_FEATURES = {(Capsule, Capsule): _of_lines, (Capsule, Box): _of_line_and_box, (Box, Box): _of_boxes}

@@ -1,22 +1,20 @@
 """Forces on a mechanism: where they act, and in which axes they are given."""
 
-import json
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import jax
-import jax.export
 import numpy as np
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import SpatialForce
 
 Axes = Literal["world", "frame"]
 
 
-@tree_of("frames", "axes")
+@exported_tree_of("frames", "axes")
 class AppliedForces:
     """Wrenches at points of named frames: the `external_forces` of an algorithm.
 
@@ -113,11 +111,3 @@ def names_of_frames(what: str, frames: Any) -> tuple[str, ...]:
     if names is None or not all(isinstance(name, str) for name in names):
         raise TypeError(f"{what}: frames: expected a sequence of names, got {frames!r}")
     return names
-
-
-jax.export.register_pytree_node_serialization(
-    AppliedForces,
-    serialized_name="jaxspatial.AppliedForces",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=lambda data: (tuple((parts := json.loads(data))[0]), parts[1]),
-)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.mechanism.shapes import Shape, check_shape, local
+from jaxspatial.mechanism.shapes import Shape, check_shape, clipped, local
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, unit
@@ -197,12 +197,7 @@ def corners(heights: Any, i: jax.Array, j: jax.Array) -> jax.Array:
 def _cell(p: Vector, X: Pose, size: Numbers, counts: Numbers) -> Any:
     """Where a point is, in cells from the first corner along each axis."""
     along = local(p, X)
-    return tuple((_held(x, halved(s)) + halved(s)) / (s / n) for x, s, n in zip(along[:2], size, counts, strict=True))
-
-
-def _held(x: Number, half: Number) -> Number:
-    """x, and at the border what is beyond it."""
-    return where(x > half, half, where(x < -half, -half, x))
+    return tuple((clipped(x, halved(s)) + halved(s)) / (s / n) for x, s, n in zip(along[:2], size, counts, strict=True))
 
 
 @formula
@@ -212,7 +207,7 @@ def _of_cell(p: Vector, X: Pose, corners: Numbers, cell: Numbers, size: Numbers,
     shares, edges, is_within = list[Number](), list[Number](), list[Any]()
     for x, s, n, k in zip(at[:2], size, counts, cell, strict=True):
         half, edge = halved(s), s / n
-        shares.append(((_held(x, half) + half) - k * edge) / edge)
+        shares.append(((clipped(x, half) + half) - k * edge) / edge)
         edges.append(edge)
         is_within.append((x <= half) & (x >= -half))
     (t_x, t_y), (h_00, h_10, h_01, h_11) = shares, corners

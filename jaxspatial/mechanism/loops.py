@@ -1,16 +1,14 @@
 """Loop closures: what holds two frames of a mechanism together, beside the joints of its tree."""
 
-import json
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import jax
-import jax.export
 import numpy as np
 
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 
 Kind = Literal["weld", "hinge", "universal", "ball", "distance"]
@@ -18,7 +16,7 @@ Kind = Literal["weld", "hinge", "universal", "ball", "distance"]
 ROWS = {"weld": 6, "hinge": 5, "universal": 4, "ball": 3, "distance": 1}
 
 
-@tree_of("frame_a", "frame_b", "kind")
+@exported_tree_of("frame_a", "frame_b", "kind")
 class LoopClosure:
     """A closure of a loop: holds frame B against frame A as a joint of this kind would.
 
@@ -79,14 +77,6 @@ class LoopClosure:
         d = self.distance
         shown = "" if d is None else f", {d.tolist() if isinstance(d, np.ndarray) else check.in_short(d)}"
         return f"LoopClosure({self.frame_a!r}, {self.frame_b!r}, {self.kind!r}{shown})"
-
-
-jax.export.register_pytree_node_serialization(
-    LoopClosure,
-    serialized_name="jaxspatial.LoopClosure",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=lambda data: tuple(json.loads(data)),
-)
 
 
 def checked_loops(loops: Any, topology: Topology, what: str) -> tuple[LoopClosure, ...]:

@@ -1,24 +1,23 @@
 """Shapes on bodies, which spheres on other bodies touch."""
 
-import json
 from collections.abc import Iterable
 from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Any, Self
 
 import jax
-import jax.export
 import numpy as np
 
+from jaxspatial.mechanism.contacts import per_frame
 from jaxspatial.mechanism.forces import names_of_frames
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike
 
 _LAW = ("stiffness", "relaxation_time", "friction")
 
 
-@tree_of("frames")
+@exported_tree_of("frames")
 class ShapeContacts:
     """A shape on each of some named frames, for the `pairs` of a step: spheres on other bodies touch it.
 
@@ -79,7 +78,7 @@ class ShapeContacts:
                 f"ShapeContacts: shape: expected one, or a batch (*batch, {n}), got {self.shape.batch_shape}"
             )
         dtype = self.shape.dtype
-        arrays = {k: _per_frame(k, x, n, dtype) for k, x in given.items()}
+        arrays = {k: per_frame("ShapeContacts", k, x, n, dtype) for k, x in given.items()}
         check.require_same_dtype(shape=self.shape, **arrays)
         for name, x in arrays.items():
             object.__setattr__(self, name, check.owned(x))
@@ -102,26 +101,3 @@ class ShapeContacts:
     def __repr__(self) -> str:
         numbers = ", ".join(f"{k}={check.shown(getattr(self, k), 0)}" for k in _LAW)
         return f"ShapeContacts({list(self.frames)}, {self.shape!r}, {numbers})"
-
-
-def _per_frame(name: str, x: Any, n: int, dtype: DTypeLike) -> Any:
-    what = f"ShapeContacts: {name}"
-    if x is None:
-        raise TypeError(f"{what}: expected a number, ({n},) or (*batch, {n}), got None")
-    array: Any = check.as_float_array(x, what, dtype, held=True)
-    if array.shape[-1:] not in ((), (n,)):
-        raise ValueError(f"{what}: expected a number, or shape (*batch, {n}), got {array.shape}")
-    if isinstance(array, np.ndarray):
-        least = "above 0" if name == "stiffness" else "of at least 0"
-        # NaN passes, and gives NaN.
-        if (array <= 0).any() if name == "stiffness" else (array < 0).any():
-            raise ValueError(f"{what}: expected numbers {least}, got {x}")
-    return array
-
-
-jax.export.register_pytree_node_serialization(
-    ShapeContacts,
-    serialized_name="jaxspatial.ShapeContacts",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=lambda data: (tuple(json.loads(data)[0]),),
-)

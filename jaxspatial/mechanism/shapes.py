@@ -1,11 +1,9 @@
 """Shapes: signed distances of points and the normals of surfaces, for the ground and for what bodies touch."""
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import jax
-import jax.export
 import jax.numpy as jnp
 import numpy as np
 
@@ -13,7 +11,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, dot, norm, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, times_power_of_two, where
-from jaxspatial.numerics.quantity import rebuilt, tree, tree_of
+from jaxspatial.numerics.quantity import exported_tree_of, rebuilt, tree
 from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
 from jaxspatial.spatial import RigidTransform
 
@@ -42,10 +40,13 @@ def _sphere(p: Vector, radius: Numbers) -> tuple[Vector, Number]:
 
 
 def _capsule(p: Vector, radius: Numbers, length: Numbers) -> tuple[Vector, Number]:
-    half = halved(length[0])
-    along = where(p.z > half, half, where(p.z < -half, -half, p.z))
-    n, distance = direction(Vector(p.x, p.y, p.z - along), axis=0)
+    n, distance = direction(Vector(p.x, p.y, p.z - clipped(p.z, halved(length[0]))), axis=0)
     return n, distance - radius[0]
+
+
+def clipped(x: Number, half: Number) -> Number:
+    """x, or the nearer of -half and half where it is beyond."""
+    return where(x > half, half, where(x < -half, -half, x))
 
 
 def _box(p: Vector, size: Vector) -> tuple[Vector, Number]:
@@ -61,8 +62,8 @@ def _cylinder(p: Vector, radius: Numbers, length: Numbers) -> tuple[Vector, Numb
 
 
 def _of_slabs(p: Sequence[Number], halves: Sequence[Number]) -> tuple[list[Number], Number]:
-    """Of where slabs about coordinates, of these halves of thickness, intersect: outside the distance from the nearest
-    point, inside that from the nearest plane, the first of several."""
+    """(the normal, the signed distance) of the box |x_i| <= half_i. Outside they are those of its nearest point. Inside
+    they are those of its nearest face, and of the first of several that are as near."""
     gaps = [where(x < 0, -x, x) - half for x, half in zip(p, halves, strict=True)]
     zero = constant(p[0], 0)
     # NaN is outside.
@@ -80,8 +81,8 @@ def _of_slabs(p: Sequence[Number], halves: Sequence[Number]) -> tuple[list[Numbe
 
 @formula
 def _stairs(p: Vector, X: Pose, run: Numbers, rise: Numbers, *, steps: int) -> list[Any]:
-    """The normal of a staircase and the distance of a point: from outside from the nearest of the quarters of a plane
-    that its steps fill, from inside from the nearest of those that air fills above its steps."""
+    """The normal of a staircase, and the signed distance of a point. Each step fills a quarter of the plane across the
+    stairs, and so does the air above it. Outside the nearest of the steps counts, inside the nearest of the air."""
     at = local(p, X)
     # Squares neither over- nor underflow.
     (x, z, run_, rise_), e = scaled((at.x, at.z, run[0], rise[0]))
@@ -102,7 +103,7 @@ def _stairs(p: Vector, X: Pose, run: Numbers, rise: Numbers, *, steps: int) -> l
 
 
 def _nearest(quarters: Sequence[tuple[Number, Number]]) -> tuple[Number, Number]:
-    """Of quarters of a plane, so far in front and so far below, the nearest one, the last of several."""
+    """How far in front and how far below the nearest of quarters of a plane is: of several as near, the last one."""
     least, found = None, quarters[0]
     for x, z in quarters:
         ahead, below = _positive(x), _positive(z)
@@ -262,19 +263,6 @@ def check_shape(shape: Any, least: dict[str, float] | None = None) -> None:
     check.common_batch_shape(**_batch_shapes(shape))
 
 
-_ERROR = """\
-    Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
-        "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
-        counts. A normal is exact for a point that is as far away as that."""
-
-
-def shape(cls: Any) -> Any:
-    """Class decorator of the shapes that say no more of their errors than all."""
-    cls.__doc__ = f"{cls.__doc__.rstrip()}\n\n{_ERROR}\n    "
-    return cls
-
-
-@shape
 @tree
 class Sphere(Shape):
     """A ball.
@@ -291,6 +279,10 @@ class Sphere(Shape):
     Raises:
         TypeError: dtypes differ, or the placement is no RigidTransform.
         ValueError: shapes do not fit, or a number known while tracing is negative.
+
+    Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
+        "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
+        counts. A normal is exact for a point that is as far away as that.
     """
 
     radius: jax.Array
@@ -307,7 +299,6 @@ class Sphere(Shape):
         check_shape(self)
 
 
-@shape
 @tree
 class Capsule(Shape):
     """All that is within a radius of a straight line, along z.
@@ -322,6 +313,10 @@ class Capsule(Shape):
     Raises:
         TypeError: dtypes differ, or the placement is no RigidTransform.
         ValueError: shapes do not fit, or a number known while tracing is negative.
+
+    Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
+        "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
+        counts. A normal is exact for a point that is as far away as that.
     """
 
     radius: jax.Array
@@ -339,7 +334,6 @@ class Capsule(Shape):
         check_shape(self)
 
 
-@shape
 @tree
 class Box(Shape):
     """A box. Its sizes may be infinite: a wall, or a bar without ends.
@@ -355,6 +349,10 @@ class Box(Shape):
     Raises:
         TypeError: dtypes differ, or the placement is no RigidTransform.
         ValueError: shapes do not fit, or a number known while tracing is negative.
+
+    Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
+        "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
+        counts. A normal is exact for a point that is as far away as that.
     """
 
     size: jax.Array
@@ -371,7 +369,6 @@ class Box(Shape):
         check_shape(self)
 
 
-@shape
 @tree
 class Cylinder(Shape):
     """A cylinder along z.
@@ -387,6 +384,10 @@ class Cylinder(Shape):
     Raises:
         TypeError: dtypes differ, or the placement is no RigidTransform.
         ValueError: shapes do not fit, or a number known while tracing is negative.
+
+    Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
+        "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
+        counts. A normal is exact for a point that is as far away as that.
     """
 
     radius: jax.Array
@@ -404,7 +405,7 @@ class Cylinder(Shape):
         check_shape(self)
 
 
-@tree_of("steps")
+@exported_tree_of("steps")
 class Stairs(Shape):
     """Stairs up along x, as wide as the world: flat ground up to the origin, steps, and flat ground behind them.
 
@@ -585,11 +586,3 @@ class HalfSpace(Shape):
 
     def __repr__(self) -> str:
         return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"
-
-
-jax.export.register_pytree_node_serialization(
-    Stairs,
-    serialized_name="jaxspatial.Stairs",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=lambda data: tuple(json.loads(data)),
-)

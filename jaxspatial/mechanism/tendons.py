@@ -1,20 +1,18 @@
 """Tendons: linear forms of coordinates with a spring, damping and limits."""
 
-import json
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.export
 import numpy as np
 
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 
 
-@tree_of("name", "joints")
+@exported_tree_of("name", "joints")
 class Tendon:
     """A tendon over joints of one coordinate: its length L is a linear form of these.
 
@@ -92,14 +90,6 @@ class Tendon:
 
     def __repr__(self) -> str:
         return f"Tendon({self.name!r}, {list(self.joints)}, {check.in_short(self.coefficients)})"
-
-
-jax.export.register_pytree_node_serialization(
-    Tendon,
-    serialized_name="jaxspatial.Tendon",
-    serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-    deserialize_auxdata=lambda data: ((parts := json.loads(data))[0], tuple(parts[1])),
-)
 
 
 def checked_tendons(tendons: Any, topology: Topology, what: str) -> tuple[Tendon, ...]:

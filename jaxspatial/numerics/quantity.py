@@ -3,6 +3,7 @@ and compared."""
 
 import dataclasses
 import functools
+import json
 import operator
 import typing
 from collections.abc import Callable, Iterable, Sequence
@@ -42,6 +43,27 @@ def tree(cls: type[_Class]) -> type[_Class]:
 def tree_of(*structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
     """As `tree`, with fields that are no arrays but part of the structure: they have to be hashable."""
     return lambda cls: _registered(cls, *structure)
+
+
+@typing.dataclass_transform(eq_default=False, frozen_default=True)
+def exported_tree_of(*structure: str) -> typing.Callable[[type[_Class]], type[_Class]]:
+    """As `tree_of`, of a type that can be exported: its structure is texts, numbers, and tuples of these."""
+
+    def decorated(cls: type[_Class]) -> type[_Class]:
+        cls = _registered(cls, *structure)
+        jax.export.register_pytree_node_serialization(
+            cls,
+            serialized_name=f"jaxspatial.{cls.__name__}",
+            serialize_auxdata=lambda structure: json.dumps(structure).encode(),
+            deserialize_auxdata=lambda data: _as_tuples(json.loads(data)),
+        )
+        return cls
+
+    return decorated
+
+
+def _as_tuples(x: Any) -> Any:
+    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
 
 
 def exported(cls: type[_Class]) -> type[_Class]:
