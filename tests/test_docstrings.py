@@ -13,7 +13,7 @@ from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.numerics import quantity
 from tests.helpers.soon import compiled_soon
-from tests.test_reference import TEXT, pages
+from tests.test_reference import names_of_the_page
 
 
 def _public(module):
@@ -91,11 +91,9 @@ EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(
 
 @pytest.fixture(scope="module")
 def names():
-    """What examples need not define: the names that the page of all public names begins with, such as `arm`."""
-    with np.printoptions():
-        scope = {}
-        exec(pages.shared(TEXT), scope)
-        yield scope
+    """What examples need not define: the names that the page of all public names begins with."""
+    with names_of_the_page() as names:
+        yield names
 
 
 @pytest.mark.parametrize("name", sorted(EXAMPLES))

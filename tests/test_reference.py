@@ -12,31 +12,34 @@ import pytest
 import jaxspatial as js
 from tests.helpers.printed import printed
 from tests.helpers.soon import compiled_soon
-from tests.test_architecture import LAYERS
 
 FOLDER = pathlib.Path(__file__).parent.parent / "notebooks"
 sys.path.append(str(FOLDER / "_site"))
 pages = importlib.import_module("pages")
 TEXT = pages.reference()
 ENTRIES = {entry.name: entry.example for entry in pages.entries(TEXT)}
-# Layers that are no names of their own.
 # Imported by name: they need the extras `plot` and `view`.
 OPTIONAL = {"plot": "matplotlib", "viewer": "viser"}
-INNER = {"numerics", "rotation", "spatial", "inertia", "mechanism", "engine", "dynamics", "contact"}
 
 
 def test_every_public_name_has_one_entry():
-    public = {name for name in dir(js) if not name.startswith("_")} - INNER | {*OPTIONAL}
-    assert INNER < set(LAYERS)
+    public = {name for name in dir(js) if not name.startswith("_")} | {*OPTIONAL}
     assert public == set(ENTRIES) and len(ENTRIES) == len(pages.entries(TEXT))
 
 
-@pytest.fixture(scope="module")
-def shared():
+@contextlib.contextmanager
+def names_of_the_page():
+    """What its examples need not define, such as `arm`, and how they print."""
     with np.printoptions():
         scope = {}
         exec(pages.shared(TEXT), scope)
         yield scope
+
+
+@pytest.fixture(scope="module")
+def shared():
+    with names_of_the_page() as names:
+        yield names
 
 
 # These compile long programs, or many.
