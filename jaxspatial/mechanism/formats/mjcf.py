@@ -85,10 +85,14 @@ def read_shapes(path_or_text: Any, assets: Mapping[str, bytes] | None = None) ->
     without, every geom that could touch another.
     """
     file = _File(path_or_text, assets, None, False)
+    m = file.model
+    ground = [i for i in range(m.ngeom) if _is_ground(file, i)]
+    pairs = [{int(a), int(b)} for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
     # A height field that moves has no corners to touch with.
-    has_corners = file.model.geom_type != int(file.mujoco.mjtGeom.mjGEOM_HFIELD)
+    has_corners = m.geom_type != int(file.mujoco.mjtGeom.mjGEOM_HFIELD)
     with in_double():
-        return [_shape(file, i) for i in range(file.model.ngeom) if has_corners[i] and not _is_ground(file, i)]
+        own = [i for i in range(m.ngeom) if has_corners[i] and not _is_ground(file, i)]
+        return [_shape(file, i, _may_touch(m, i, ground, pairs)) for i in own]
 
 
 def read_height_field(
@@ -131,8 +135,9 @@ class ActuatorPart(NamedTuple):
 def read_actuators(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[ActuatorPart]:
     """The actuators of an MJCF for `Actuators.from_mjcf`, those that are plain; a warning lists the others."""
     file = _File(path_or_text, assets, None, False)
-    found = [_actuator(file, i) for i in _plain_actuators(file)]
-    for i in set(range(len(file.model.actuator_trntype))).difference(_plain_actuators(file)):
+    plain = _plain_actuators(file)
+    found = [_actuator(file, i) for i in plain]
+    for i in set(range(len(file.model.actuator_trntype))).difference(plain):
         file.miss(f"actuator with {_not_plain(file, i)}", file.name("actuator", i))
     _miss_limits_of_sums(file)
     file.warn()
@@ -360,7 +365,7 @@ def _is_ground(file: _File, i: int) -> bool:
     return not file.model.body_weldid[file.model.geom_bodyid[i]]
 
 
-def _shape(file: _File, i: int) -> Shape:
+def _shape(file: _File, i: int, may_touch: bool) -> Shape:
     m, type = file.model, file.mujoco.mjtGeom(int(file.model.geom_type[i]))
     a, b, c = m.geom_size[i].tolist()
     kinds = {
@@ -376,7 +381,7 @@ def _shape(file: _File, i: int) -> Shape:
     pose, body = _pose(m.geom_pos[i], m.geom_quat[i]), file.name("body", m.geom_bodyid[i])
     vertices = functools.partial(_vertices, file, int(m.geom_dataid[i])) if kind == "mesh" else None
     friction = float(m.geom_friction[i, 0])
-    return Shape(file.name("geom", i), body, pose, kind, tuple(size), vertices, friction, _may_touch(file, i))
+    return Shape(file.name("geom", i), body, pose, kind, tuple(size), vertices, friction, may_touch)
 
 
 def _vertices(file: _File, mesh: int) -> np.ndarray:
@@ -384,10 +389,7 @@ def _vertices(file: _File, mesh: int) -> np.ndarray:
     return np.array(file.model.mesh_vert[start : start + n], np.float64)
 
 
-def _may_touch(file: _File, i: int) -> bool:
-    m = file.model
-    pairs = [{int(a), int(b)} for a, b in zip(m.pair_geom1, m.pair_geom2, strict=True)]
-    ground = [k for k in range(m.ngeom) if _is_ground(file, k)]
+def _may_touch(m: Any, i: int, ground: list[int], pairs: list[set[int]]) -> bool:
     if not ground:
         return bool(m.geom_contype[i] | m.geom_conaffinity[i]) or any(i in pair for pair in pairs)
     return any({i, k} in pairs or (_share_bits(m, i, k) and not _are_excluded(m, i, k)) for k in ground)
