@@ -18,6 +18,7 @@ from jaxspatial.engine import cpu, cuda, graph, program
 from jaxspatial.numerics.errorfree import transforms
 from tests.helpers import graphs
 from tests.helpers.graphs import assert_same_bits, graph_of, with_numpy
+from tests.helpers.marks import slow_but
 from tests.helpers.processes import python
 from tests.helpers.warps import by_warps
 
@@ -187,7 +188,8 @@ def kernel(name):
     return g, cuda.code_of(g, arguments, results, 1000)
 
 
-@pytest.mark.parametrize("name", EACH)
+# The gradient has the operations of both dynamics, a step those of configurations.
+@pytest.mark.parametrize("name", slow_but(["gradient", "a step"], PROGRAMS))
 def test_programs_have_the_bits_of_the_cpu(name):
     x = states(arm())
     with jax.enable_x64(False):
