@@ -22,7 +22,7 @@ from jaxspatial.contact.world import Force, World, tiled, with_zero_rows
 from jaxspatial.dynamics.articulated_bodies import (
     ArticulatedBody,
     Elimination,
-    bias_through_joint,
+    bias_beyond_joint,
     with_velocities,
     without_velocity,
 )
@@ -234,7 +234,7 @@ def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list[An
 
     sides = (columns.b, columns.on_b), (columns.a, columns.on_a)
     parts = [OnBodies(bodies, stacking.mapped(apart, x)) for bodies, x in sides]
-    on_joints = [(None,) * len(body.S) for body in world.bodies]
+    on_joints = world.by_bundle(None)
     if columns.on_joints is not None:
         by_velocity = stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape((-1, k * n)), columns.on_joints)
         on_joints = wide.by_bundle(by_velocity)
@@ -278,11 +278,7 @@ def _to_parent(body: Any, children: Wrench) -> tuple[list[Elimination], Wrench]:
     """([Elimination of each velocity], the bias force about the parent's origin) of a body under a wrench and forces on
     its joint."""
     (S, r, factors), F, tau = body
-    Z, eliminated = children - F, list[Elimination]()
-    for s, (U, D), own in zip(S, factors, tau, strict=True):
-        u = -algebra.power(Z, s) if own is None else own - algebra.power(Z, s)
-        Z = bias_through_joint(Z, u, articulated.UDinv_of(U, D))
-        eliminated.append(Elimination(U, D, u))
+    eliminated, Z = bias_beyond_joint(children - F, S, factors, tau)
     return eliminated, algebra.shifted_wrench(Z, -r)
 
 

@@ -130,7 +130,7 @@ def bias_beyond_joint(
     eliminated = list[Elimination]()
     for s, (U, D), force in zip(S, factors, tau, strict=True):
         u = force - algebra.power(Z, s)
-        Z = bias_through_joint(Z, u, articulated.UDinv_of(U, D))
+        Z = Z + u * articulated.UDinv_of(U, D)
         eliminated.append(Elimination(U, D, u))
     return eliminated, Z
 
@@ -211,14 +211,9 @@ def without_velocity(
     U, D = articulated.U_and_D(P, s, armature)
     UDinv = articulated.UDinv_of(U, D)
     u = tau - algebra.power(Z, s)
-    Z = bias_through_joint(Z, u, UDinv)
+    Z = Z + u * UDinv
     P = _with_known_zeros(articulated.rank_one_downdate(P, U, UDinv), s, armature)
     return ArticulatedBody(P, Z), Elimination(U, D, u)
-
-
-def bias_through_joint(Z: Wrench, u: Number, UDinv: Wrench) -> Wrench:
-    """Z + U D^-1 u."""
-    return Z + u * UDinv
 
 
 def _with_known_zeros(P: Articulated, s: Motion, armature: Number) -> Articulated:
@@ -252,7 +247,7 @@ def _accelerate(body: tuple[Link, Motion, Eliminated], parent: Motion) -> tuple[
     if isinstance(eliminated, FloatingElimination):
         matrix, P, u = eliminated
         right = u if P is None else u - articulated.apply(P, A)
-        lower = [row[: i + 1] for i, row in enumerate(articulated.rows(matrix))]
+        lower = [row[: i + 1] for i, row in enumerate(articulated.six_rows(matrix))]
         six = elimination.solve(lower, (*right.tau, *right.f))
         return six, A + Motion(Vector(*six[:3]), Vector(*six[3:])) + c
     vdot, A = with_velocities(A, link.joint.subspace, eliminated)

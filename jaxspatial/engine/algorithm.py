@@ -124,7 +124,7 @@ def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     return mechanism
 
 
-def checked(operation: str, mechanism: object, **arguments) -> tuple[Any, ...]:
+def checked(operation: str, mechanism: object, **arguments) -> tuple:
     """Checks and converts the arguments of an algorithm, by their names.
 
     q, q0 and q1 become arrays (*batch, nq), v, vdot and tau (*batch, nv), a time dt (*batch, 1), with a common dtype
@@ -200,7 +200,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) 
     return {f"{argument}[{name!r}]": F for name, F in by_name.items()}, tuple(wrenches)
 
 
-def _array_or_none(x, batch_shape: tuple[int, ...], n: int | None = None) -> Any:
+def _array_or_none(x, batch_shape: tuple[int, ...], n: int | None = None):
     """The array (*batch, 3); of n frames the last axis of the batch becomes part of the rows: (*batch, 3 n).
 
     None for Components that are known to be zero, so that no operation on them is left.
@@ -278,7 +278,7 @@ class Algorithm(Differentiable):
         leaves, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, results, is_leaf=_is_result))
         return [lax.transpose(y, (y.ndim - 1, *range(y.ndim - 1))) for y in leaves]
 
-    def state_of(self, arrays: Sequence[jax.Array], n: int) -> tuple[MechanismState, list[Any]]:
+    def state_of(self, arrays: Sequence[jax.Array], n: int) -> tuple[MechanismState, list]:
         """(the MechanismState of n states, the arrays after q), of the data of this program."""
         data = (lax.transpose(self.from_outside(x), (*range(1, x.ndim), 0)) for x in arrays)
         fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
@@ -293,12 +293,12 @@ class Algorithm(Differentiable):
         of_one_state = [jax.ShapeDtypeStruct((1, *a.shape), a.dtype) for a in avals]
         return [(y.shape[1:], y.dtype) for y in self.traced(of_one_state).out_avals]
 
-    def __call__(self, data: Sequence[jax.Array], n_batch: int) -> Any:
+    def __call__(self, data: Sequence[jax.Array], n_batch: int):
         leaves = program.bind(self, data, n_batch)
         # Known only now that the program has been traced.
         return jax.tree.unflatten(self.out_tree, leaves)
 
-    def constants(self, data: Sequence[Aval], n_batch: int) -> Any:
+    def constants(self, data: Sequence[Aval], n_batch: int):
         """The results, with n_batch axes of size 1, where no number of the data is part of them."""
 
         def computed() -> list[np.ndarray]:
@@ -344,17 +344,17 @@ class Algorithm(Differentiable):
         """The index of a leaf among the data."""
         return sum(x is None for x in self.known[:leaf])
 
-    def tangent_of_leaf(self, tangents: Sequence[Any], leaf: int) -> jax.Array | None:
+    def tangent_of_leaf(self, tangents: Sequence, leaf: int) -> jax.Array | None:
         """The tangent of a leaf, None for zero."""
         tangent = None if self.known[leaf] is not None else tangents[self.place(leaf)]
         return None if tangent is None or is_zero(tangent) else tangent
 
-    def with_leaf(self, data: Sequence[Any], leaf: int, x) -> list[Any]:
+    def with_leaf(self, data: Sequence, leaf: int, x) -> list:
         """The data with x in place of a leaf, which may be a constant of this program."""
         place = self.place(leaf)
         return [*data[:place], x, *data[place + (self.known[leaf] is None) :]]
 
-    def tangents(self, primals: Sequence[Any], tangents: Sequence[Any], n_batch: int) -> list[Any]:
+    def tangents(self, primals: Sequence, tangents: Sequence, n_batch: int) -> list:
         """The tangents of the results at tangents of the arguments. None stands for zero in both."""
         moving = tuple(t is not None and not is_zero(t) for t in tangents)
         if not any(moving):
@@ -387,9 +387,7 @@ class ProgramCache:
         self.calls: dict[Algorithm, Any] = {}
         self.called: set[Any] = set()
 
-    def program(
-        self, formula, precision: Precision, tree, known: tuple[Any, ...], static: Static, dtype: np.dtype
-    ) -> Algorithm:
+    def program(self, formula, precision: Precision, tree, known: tuple, static: Static, dtype: np.dtype) -> Algorithm:
         """The program of an algorithm. known: the constants among all leaves of the tree."""
         of_arrays = tuple(map(contents, known[len(self.known) :]))
         key = formula, precision, tree, of_arrays, static, dtype
@@ -397,7 +395,7 @@ class ProgramCache:
             self.programs[key] = formula.program_class(formula, precision, self, tree, known, static, dtype)
         return self.programs[key]
 
-    def call(self, program: Algorithm) -> Callable[[int, list[Any]], Any]:
+    def call(self, program: Algorithm) -> Callable[[int, list], Any]:
         """A program as a compiled function of (n_batch, data), outside of any transformation."""
         if program not in self.calls:
             self.calls[program] = jax.jit(lambda n_batch, data: program(data, n_batch), static_argnums=0)
@@ -416,7 +414,7 @@ _WITHOUT_CONSTANTS: dict[Any, ProgramCache] = {}
 _BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[Any, ...], ProgramCache]] = weakref.WeakKeyDictionary()
 
 
-def program_cache(mechanism: Mechanism, reads: tuple[Any, ...], tree, leaves: Sequence[Any]) -> ProgramCache:
+def program_cache(mechanism: Mechanism, reads: tuple, tree, leaves: Sequence) -> ProgramCache:
     of_mechanism = _BY_MECHANISM.setdefault(mechanism, {})
     if reads in of_mechanism:
         return of_mechanism[reads]
@@ -436,7 +434,7 @@ def _run(
     precision: Precision,
     mechanism: Mechanism,
     reads: tuple[str, ...],
-    arrays: tuple[Any, ...],
+    arrays: tuple,
     static: Static,
 ):
     fields = {name: getattr(mechanism, name) for name in reads}
@@ -461,7 +459,7 @@ def _run(
     compiled = cache.program(formula, precision, tree, known, static, np.dtype(arrays[0].dtype))
     n_batch = len(batch)
     is_data = [k is None for k in known]
-    data: list[Any] = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
+    data: list = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
     if is_rigid:
         items = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in data]
         is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items))
@@ -497,12 +495,12 @@ def _warn_of_many_programs(cache: ProgramCache, key) -> None:
         )
 
 
-def over_batch(function: Callable[..., Any], *arguments) -> Any:
+def over_batch(function: Callable, *arguments):
     """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
     leaves, tree = jax.tree.flatten(arguments)
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in leaves))
 
-    def of_leaves(*leaves) -> Any:
+    def of_leaves(*leaves):
         return function(*jax.tree.unflatten(tree, leaves))
 
     for _ in batch:

@@ -26,7 +26,7 @@ class Composite(Algorithm):
         return False
 
     @functools.cached_property
-    def _known_scene(self) -> Any:
+    def _known_scene(self):
         """The scene, if all of it is known. Made once: with its mechanism live the programs that are called."""
         leaves = self.known[: self.n_fields]
         return None if any(x is None for x in leaves) else jax.tree.unflatten(self.tree.children()[0], leaves)
@@ -48,7 +48,7 @@ class Composite(Algorithm):
         return of_each(*(x if axis == 0 else x[0] for x, axis in zip(arrays, axes, strict=True)))
 
 
-def composite(function: Callable[..., Any]) -> Callable[..., Any]:
+def composite(function: Callable) -> Callable[..., Any]:
     """Turns `function(precision, scene, *arrays, **static)` into one program, over a batch.
 
     scene: a tuple of a Mechanism and other trees. Its NumPy numbers are constants of the program. arrays: trees of
@@ -58,7 +58,7 @@ def composite(function: Callable[..., Any]) -> Callable[..., Any]:
     vars(function).update(program_class=Composite, result_shape=None)
 
     @functools.wraps(function)
-    def call(precision: Precision, scene: tuple[Any, ...], *arrays, **static) -> Any:
+    def call(precision: Precision, scene: tuple, *arrays, **static):
         leaves, tree = jax.tree.flatten(((scene,), arrays))
         of_scene = tree.children()[0]
         n = of_scene.num_leaves

@@ -315,9 +315,7 @@ class Module:
             self.functions[name] = ir.Function(self.module, ir.FunctionType(result, arguments), name)
         return self.functions[name]
 
-    def begin(
-        self, name: str, result: ir.Type, *arguments: ir.Type, is_internal: bool = True
-    ) -> tuple[Builder, tuple[Any, ...]]:
+    def begin(self, name: str, result: ir.Type, *arguments: ir.Type, is_internal: bool = True) -> tuple[Builder, tuple]:
         """Begins a function: the builder at its start, and its arguments."""
         function = self.external(name, result, list(arguments))
         function.linkage = "internal" if is_internal else "external"
@@ -347,7 +345,7 @@ def once(write: Callable[..., None]) -> Callable[..., Any]:
     """A method that returns the function that `write(self, name, *options)` defines, and calls it at the first use."""
 
     @functools.wraps(write)
-    def function(self: Module, *options) -> Any:
+    def function(self: Module, *options):
         name = "_".join((write.__name__, *map(str, options)))
         if name not in self.functions:
             write(self, name, *options)
@@ -675,7 +673,7 @@ class Handler(Module):
         b.ret_void()
 
     @once
-    def total(self, name: str, dtype: np.dtype) -> None:
+    def added_up(self, name: str, dtype: np.dtype) -> None:
         """Adds up rows of sums, pairwise: (rows, number of rows, size, the result). It overwrites the rows."""
         kind = kind_of(dtype)
         b, (rows, n, size, result) = self.begin(name, VOID, PTR, I64, I64, PTR)
@@ -833,7 +831,7 @@ class Handler(Module):
             for i, (x, place) in enumerate(zip(code.results, self.sum_places, strict=True)):
                 if x.is_summed:
                     result = field(b, job, self.buffer(len(code.arguments) + i))
-                    b.call(self.total(x.dtype), [at(b, sums, place), n_chunks, integer(x.size), result])
+                    b.call(self.added_up(x.dtype), [at(b, sums, place), n_chunks, integer(x.size), result])
                     # Rows after the first, which there are where the batch is split over devices.
                     row = integer(x.size * x.dtype.itemsize)
                     n_rows = field(b, field(b, buffers[len(code.arguments) + i], BUFFER_DIMS), 0, I64)
@@ -851,7 +849,7 @@ _TIMES_REGISTERED: dict[str, int] = {}
 _STILL_HELD: list[Any] = []  # Engines whose code executables or tasks hold, while Python does not.
 
 
-def _machine(target: Target) -> Any:
+def _machine(target: Target):
     of = llvm.Target.from_triple(llvm.get_process_triple())
     return of.create_target_machine(cpu=target.cpu, features=target.features, opt=2, jit=True)
 
@@ -890,7 +888,7 @@ def _cached(name: str, texts: Sequence[str], target: Target) -> bytes:
     return kept(f"{name}.o", lambda: _object(texts, target))
 
 
-def _loaded(content: bytes, target: Target) -> Any:
+def _loaded(content: bytes, target: Target):
     """An engine that holds machine code in memory."""
     engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(target))
     engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(content))
@@ -926,7 +924,7 @@ def name_of(texts: Sequence[str], target: Target) -> str:
     return f"jaxspatial_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
 
 
-def _capsule(address: int) -> Any:
+def _capsule(address: int):
     """An address, as JAX takes it."""
     return jax.ffi.pycapsule(ctypes.CFUNCTYPE(None)(address))
 
@@ -1052,7 +1050,7 @@ def _lower_split(
     name: str,
     sizes: tuple[int, ...],
     avals: tuple[ShapedArray, ...],
-) -> Any:
+):
     """A call whose first axis XLA may split, while no other axis of an array is split."""
     factors = [_factor(1 + k) for k in range(len(sizes))]
     axes = [f"[i, {factor}]" for factor in factors]

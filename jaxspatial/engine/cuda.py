@@ -253,7 +253,7 @@ class _ThreadWriter(llvm_ir.Writer):
         shared += f"\n@n_states = addrspace(4) externally_initialized constant i64 {N_STATES}"
         text = f.text("ptx_kernel ")
         text = text.replace(") {", f') "nvvm.maxntid"="{self.warps * WARP}" {{', 1)
-        return f"{shared}\n{self.joined(functions, text)}"
+        return f"{shared}\n{self.module_text(functions, text)}"
 
     def _write_tile(self, f: llvm_ir.Function, i: int, first: int) -> None:
         """Writes columns of a large result."""
@@ -295,7 +295,7 @@ class _ThreadWriter(llvm_ir.Writer):
         return row, column, self.offset(f, there, first * item), self.offset(f, here, offset + first * item)
 
     @contextlib.contextmanager
-    def _where(self, f: llvm_ir.Function, conditions: Sequence[str]) -> Iterator[None]:
+    def _if(self, f: llvm_ir.Function, conditions: Sequence[str]) -> Iterator[None]:
         """What follows is done by threads for which these hold."""
         if not conditions:
             yield
@@ -342,13 +342,13 @@ class _ThreadWriter(llvm_ir.Writer):
                     pointer = self.offset(f, to, turn * rows * steps[1])  # noqa: B023
                     f.add(f"store {t} {value}, {pointer}, align {item}")
 
-            with self._where(f, inside):
+            with self._if(f, inside):
                 for k in range(0, whole, AT_ONCE):
                     moved(range(k, min(k + AT_ONCE, whole)))
             if rest:
                 inside.append(f.new())
                 f.add(f"{inside[-1]} = icmp ult i32 {row}, {rest}")
-                with self._where(f, inside):
+                with self._if(f, inside):
                     moved([whole])
 
     def _written_back(
@@ -368,7 +368,7 @@ class _ThreadWriter(llvm_ir.Writer):
             n = min(WARP, columns.stop - first)
             is_one, lane, at = f.new(), f.new(), f.new()
             f.add(f"{is_one} = icmp ult i32 %lane, {n}")
-            with self._where(f, [is_one]):
+            with self._if(f, [is_one]):
                 f.add(f"{lane} = zext i32 %lane to i64")
                 f.add(f"{at} = mul i64 {lane}, {item}")
                 here = self.offset(f, self.offset(f, pointer, at), offset + first * item)
@@ -484,7 +484,7 @@ def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
     def whole(*arrays: jax.Array) -> tuple[jax.Array, ...]:
         return tuple(_called(code, arrays, n))
 
-    def placed(mesh, arguments: Sequence[Any]) -> tuple[Any, list[Any], list[Any]]:
+    def placed(mesh, arguments: Sequence) -> tuple[Any, list, list]:
         """(the axes of the mesh that states are split over, shardings of arguments, of results)."""
         specs = [x.sharding.spec for x, own in zip(arguments, code.arguments, strict=True) if not own.is_shared]
         axis = next((spec[0] for spec in specs if len(spec) and spec[0] is not None), None)
@@ -495,7 +495,7 @@ def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
             [same if x.is_summed else split for x in code.results],
         )
 
-    def partition(mesh, arguments: Sequence[Any], _) -> tuple[Any, ...]:
+    def partition(mesh, arguments: Sequence, _) -> tuple:
         axis, of_arguments, of_results = placed(mesh, arguments)
         axes = (axis,) if isinstance(axis, str) else axis or ()
         n_own = n // math.prod(mesh.shape[a] for a in axes)
@@ -506,7 +506,7 @@ def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
 
         return mesh, own, tuple(of_results), tuple(of_arguments)
 
-    def inferred(mesh, arguments: Sequence[Any], _) -> tuple[Any, ...]:
+    def inferred(mesh, arguments: Sequence, _) -> tuple:
         return tuple(placed(mesh, arguments)[2])
 
     names = iter(f"k{i}" for i in range(2 * (len(arrays) + len(code.results))))

@@ -55,11 +55,11 @@ class Differentiable(Program):
     # Whether `rule` says what tangents are; if not, they are those of the formula.
     has_rule = False
 
-    def rule(self, primals: list[Any], tangents: list[Any], n_batch: int) -> list[Any]:
+    def rule(self, primals: list, tangents: list, n_batch: int) -> list:
         """The tangents of the results, made of other programs. Tangents that are zero are known to be."""
         raise NotImplementedError
 
-    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+    def jvp(self, primals: list, tangents: list, n_batch: int) -> tuple[list, list]:
         """(results, their tangents)."""
         moving = tuple(not is_zero(t) for t in tangents)
         of_moving = [t for t in tangents if not is_zero(t)]
@@ -67,13 +67,13 @@ class Differentiable(Program):
         rest = iter(bind(self.tangent(moving), [*primals, *of_moving], n_batch))
         return results, [next(rest) if is_differentiable(y) else no_tangent(y) for y in results]
 
-    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+    def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         """The cotangents of the linear arguments, None for the others."""
         linear = tuple(ad.is_undefined_primal(x) for x in arguments)
         at = [zeros(x.aval) if is_linear else x for x, is_linear in zip(arguments, linear, strict=True)]
         return _placed(linear, self.pulled_back(linear, at, cotangents, n_batch))
 
-    def pulled_back(self, moving: Moving, at: list[Any], cotangents: list[Any], n_batch: int) -> list[Any]:
+    def pulled_back(self, moving: Moving, at: list, cotangents: list, n_batch: int) -> list:
         """The cotangents of the arguments that move, None if those of all results are known to be zero."""
         given = tuple(not is_zero(c) for c in cotangents)
         if not any(given):
@@ -102,7 +102,7 @@ class Derived(Differentiable):
         """The indices of the arguments that move."""
         return [i for i, yes in enumerate(self.moving) if yes]
 
-    def _split(self, arrays: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    def _split(self, arrays: Sequence) -> tuple[list, list]:
         """(the arguments of the program, its tangents or cotangents)."""
         n = len(self.moving)
         return list(arrays[:n]), list(arrays[n:])
@@ -120,7 +120,7 @@ class Derived(Differentiable):
         return bind(jacobians, at, n_batch), [batch_axis_first(x, axis, size, False) for x, axis in both]
 
     def _rule_at_one_state(
-        self, run: Callable[..., Any], arrays: Sequence[jax.Array], axes: Sequence[int | None], n_batch: int
+        self, run: Callable, arrays: Sequence[jax.Array], axes: Sequence[int | None], n_batch: int
     ) -> list[jax.Array] | None:
         """`run`, over mapped tangents or cotangents, if only these are mapped: the programs that the rule is made of
         share what does not depend on them."""
@@ -129,13 +129,13 @@ class Derived(Differentiable):
             return None
         return jax.vmap(run(at, n_batch), axes[len(at) :])(*others)
 
-    def _chosen(self, arguments: Sequence[Any]) -> list[Any]:
+    def _chosen(self, arguments: Sequence) -> list:
         return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
 
-    def _ruled(self, arguments: Sequence[Any], n_batch: int) -> Callable[..., list[Any]]:
+    def _ruled(self, arguments: Sequence, n_batch: int) -> Callable[..., list]:
         """The tangents of the results, by the program's own rule, as a function of those of the arguments that move."""
 
-        def run(*tangents) -> list[Any]:
+        def run(*tangents) -> list:
             rest, at = iter(tangents), list(arguments)
             every = [next(rest) if yes else no_tangent(x) for x, yes in zip(at, self.moving, strict=True)]
             found = self.program.rule(at, every, n_batch)
@@ -143,7 +143,7 @@ class Derived(Differentiable):
 
         return run
 
-    def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
+    def _of_chosen(self, arguments: Sequence) -> Callable[..., list[jax.Array]]:
         """The results that have derivatives, as a function of the arguments that move."""
 
         def run(*chosen: jax.Array):
@@ -187,7 +187,7 @@ class Tangent(Derived):
         columns = jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in tangents], -1)
         return [times_columns(jnp.concatenate(matrices, -1), columns)]
 
-    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+    def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         at, tangents = self._split(arguments)
         linear = [ad.is_undefined_primal(t) for t in tangents]
         moving = tuple(i in [p for p, yes in zip(self.places, linear, strict=True) if yes] for i in range(len(at)))
@@ -210,11 +210,11 @@ class Pullback(Derived):
         super().__init__(program, moving)
         self.given = given
 
-    def _of_chosen(self, arguments: Sequence[Any]) -> Callable[..., list[jax.Array]]:
+    def _of_chosen(self, arguments: Sequence) -> Callable[..., list[jax.Array]]:
         run = super()._of_chosen(arguments)
         return lambda *chosen: self._with_cotangents(run(*chosen))
 
-    def _with_cotangents(self, results: Sequence[Any]) -> list[Any]:
+    def _with_cotangents(self, results: Sequence) -> list:
         """Those whose cotangents are given."""
         return list(results if self.given is None else itertools.compress(results, self.given))
 
@@ -233,11 +233,11 @@ class Pullback(Derived):
             primals = ((self.program.primal_of(i), y) for i, y in zip(places, results, strict=True))
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) if primal is None else y for primal, y in primals]
 
-        results, back = _with_pullback(over_all, *self._chosen(arguments))
+        results, back = jax.vjp(over_all, *self._chosen(arguments))
         cotangents = map(self.from_outside, cotangents)
         return list(back([jnp.broadcast_to(c, y.shape) for c, y in zip(cotangents, results, strict=True)]))
 
-    def _pulled_back(self, arguments: Sequence[Any], n_batch: int) -> Callable[..., list[Any]]:
+    def _pulled_back(self, arguments: Sequence, n_batch: int) -> Callable[..., list]:
         """The cotangents of the arguments that move, by the program's own rule, as a function of those of results."""
         chosen = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in self._chosen(arguments)]
         run = self._ruled(arguments, n_batch)
@@ -293,15 +293,15 @@ class Selection(Differentiable):
     def needs_all_states(self, i: int) -> bool:
         return self.program.needs_all_states(i)
 
-    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int) -> Any:
+    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
         results = self.program.batched(arrays, axes, size, n_batch)
         return None if results is None else self._chosen(results)
 
-    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+    def jvp(self, primals: list, tangents: list, n_batch: int) -> tuple[list, list]:
         results, rates = self.program.jvp(primals, tangents, n_batch)
         return self._chosen(results), self._chosen(rates)
 
-    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+    def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         rest = iter(cotangents)
         return self.program.transposed(
             [next(rest) if yes else ad.Zero(cast(Any, None)) for yes in self.wanted], arguments, n_batch
@@ -340,17 +340,13 @@ def valued(x: jax.Array, value: jax.Array) -> jax.Array:
 
 
 @valued.defjvp
-def _(primals, tangents) -> Any:
+def _(primals, tangents):
     # Not the number itself, which is a constant: its derivatives of the next order would be lost.
     return valued(*primals), tangents[0]
 
 
-def pullback(function: Callable[..., Any], *at):
-    return _with_pullback(function, *at)[1]
-
-
-def _with_pullback(function: Callable[..., Any], *at):
-    return cast(tuple[Any, Callable[[Any], tuple[Any, ...]]], jax.vjp(function, *at))
+def pullback(function: Callable, *at) -> Callable[..., tuple]:
+    return jax.vjp(function, *at)[1]
 
 
 def times_columns(matrix: jax.Array, columns: jax.Array):
@@ -363,7 +359,7 @@ def times_columns(matrix: jax.Array, columns: jax.Array):
     return jnp.broadcast_to(products, (columns.shape[0], *shape, matrix.shape[-2])).astype(matrix.dtype)
 
 
-def _placed(linear: Sequence[bool], of_linear: Iterable[Any]) -> list[Any]:
+def _placed(linear: Sequence[bool], of_linear: Iterable) -> list:
     """The cotangents of linear arguments in the places of these, None elsewhere."""
     rest = iter(of_linear)
     return [next(rest) if yes else None for yes in linear]

@@ -75,7 +75,7 @@ class Graph:
 
     # -- nodes --------------------------------------------------------------------------------------------------------
 
-    def constant(self, x: Any, dtype: np.dtype) -> int:
+    def constant(self, x, dtype: np.dtype) -> int:
         x = np.asarray(x, dtype)[()]
         key = dtype.char, x.tobytes()
         node = self._known.get(key)
@@ -159,27 +159,27 @@ class Graph:
 # -- operations --------------------------------------------------------------------------------------------------------
 
 
-def _quotient_of(d: np.dtype, a: Any, b: Any) -> Any:
+def _quotient_of(d: np.dtype, a, b):
     """As XLA has it: integers towards zero, and with all bits set over 0."""
     if d.kind == "f":
         return a / b
     return np.where(b == 0, ~d.type(0), (a - np.fmod(a, b)) // b)
 
 
-def _remainder(d: np.dtype, a: Any, b: Any) -> Any:
+def _remainder(d: np.dtype, a, b):
     return np.fmod(a, b) if d.kind == "f" else np.where(b == 0, a, np.fmod(a, b))
 
 
-def _larger(d: np.dtype, a: Any, b: Any) -> Any:
+def _larger(d: np.dtype, a, b):
     """NaN where one is, and 0 is more than -0."""
     return np.where((a == b) & np.signbit(a), b, np.maximum(a, b)) if d.kind == "f" else np.maximum(a, b)
 
 
-def _smaller(d: np.dtype, a: Any, b: Any) -> Any:
+def _smaller(d: np.dtype, a, b):
     return np.where((a == b) & np.signbit(b), b, np.minimum(a, b)) if d.kind == "f" else np.minimum(a, b)
 
 
-def _product_error(d: np.dtype, a: Any, b: Any, p: Any) -> Any:
+def _product_error(d: np.dtype, a, b, p):
     """a b - p of p = fl(a b), rounded once as a fused multiply-add does it.
 
     Of float64 by Dekker's splitting, of numbers between 1/2 and 1. [Dekker 1971]
@@ -196,7 +196,7 @@ def _product_error(d: np.dtype, a: Any, b: Any, p: Any) -> Any:
     return np.ldexp((product - np.ldexp(p, -exponent)) + np.where(usual, error, 0), exponent)
 
 
-def _fused(d: np.dtype, a: Any, b: Any, c: Any) -> Any:
+def _fused(d: np.dtype, a, b, c):
     """a b + c rounded once, while the error of a b is a normal number. [Boldo, Melquiond 2008, Emulation of FMA and
     correctly rounded sums: proved algorithms using rounding to odd, Fig. 5]"""
     if d == np.float32:  # Whose products float64 holds.
@@ -207,20 +207,20 @@ def _fused(d: np.dtype, a: Any, b: Any, c: Any) -> Any:
     return np.where(np.isfinite(p), total + _rounded_to_odd(low, rest), p + c)
 
 
-def _two_sum(a: Any, b: Any) -> tuple[Any, Any]:
+def _two_sum(a, b) -> tuple[Any, Any]:
     s = a + b
     part = s - a
     return s, (a - (s - part)) + (b - part)
 
 
-def _rounded_to_odd(a: Any, b: Any) -> Any:
+def _rounded_to_odd(a, b):
     """a + b of float64, and if that is not a number of the format the one of both neighbours whose last bit is set."""
     s, error = _two_sum(a, b)
     is_even = np.asarray(s).view(np.uint64) & np.uint64(1) == 0
     return np.where((error != 0) & is_even & np.isfinite(s), np.nextafter(s, np.copysign(np.inf, error)), s)
 
 
-def _shifted(to: Callable[[Any, Any], Any], is_logical: bool, d: np.dtype, a: Any, b: Any) -> Any:
+def _shifted(to: Callable, is_logical: bool, d: np.dtype, a, b):
     """By as many bits as a number has, or more, all are shifted out. Those that come in are 0, or repeat the sign."""
     bits, unsigned = 8 * d.itemsize, np.dtype(f"u{d.itemsize}")
     is_far = np.asarray(b).view(unsigned) >= bits
@@ -229,7 +229,7 @@ def _shifted(to: Callable[[Any, Any], Any], is_logical: bool, d: np.dtype, a: An
     return np.where(is_far, d.type(0), shifted) if is_logical else shifted
 
 
-def _converted(d: np.dtype, a: Any) -> Any:
+def _converted(d: np.dtype, a):
     """Of numbers that an integer does not hold the nearest one, and 0 of NaN."""
     a = np.asarray(a)
     if a.dtype.kind != "f" or d.kind not in "iu":
@@ -241,7 +241,7 @@ def _converted(d: np.dtype, a: Any) -> Any:
 
 
 # What each operation computes, of NumPy scalars or arrays; d is the dtype of the result.
-EVALUATE: dict[str, Callable[..., Any]] = {
+EVALUATE: dict[str, Callable] = {
     "add": lambda d, a, b: a + b,
     "sub": lambda d, a, b: a - b,
     "mul": lambda d, a, b: a * b,
@@ -283,30 +283,15 @@ def _select(g: Graph, condition: int, yes: int, no: int) -> int | None:
     return yes if yes == no else None
 
 
-def _both(g: Graph, a: int, b: int) -> int | None:
-    return _with_mask(g, a, b, True)
-
-
-def _either(g: Graph, a: int, b: int) -> int | None:
-    return _with_mask(g, a, b, False)
-
-
-def _with_mask(g: Graph, a: int, b: int, neutral: bool) -> int | None:
-    """a and b, or a or b, of masks of which one is known. neutral: the mask that changes nothing."""
-    if g.dtypes[a] != BOOL:
-        return _without_zero(g, a, b) if not neutral else None
-    if a == b:
+def _logical(is_all: bool, g: Graph, a: int, b: int) -> int | None:
+    """a and b, or a or b, where one of them is known: of masks any, of integers the 0 that changes no bits."""
+    is_mask = g.dtypes[a] == BOOL
+    if is_mask and a == b:
         return a
     for x, y in ((a, b), (b, a)):
-        if x in g.constants:
-            return y if bool(g.constants[x]) == neutral else x
-    return None
-
-
-def _without_zero(g: Graph, a: int, b: int) -> int | None:
-    """The bits of an integer and those of 0."""
-    for x, y in ((a, b), (b, a)):
-        if x in g.constants and not g.constants[x]:
+        if x in g.constants and is_mask:
+            return y if bool(g.constants[x]) == is_all else x
+        if x in g.constants and not is_all and not g.constants[x]:
             return y
     return None
 
@@ -329,8 +314,8 @@ def _quotient(g: Graph, a: int, b: int) -> int | None:
 
 _SIMPLER: dict[str, Callable[..., int | None]] = {
     "select": _select,
-    "and": _both,
-    "or": _either,
+    "and": functools.partial(_logical, True),
+    "or": functools.partial(_logical, False),
     "neg": _negated,
     "mul": _product,
     "div": _quotient,
@@ -421,7 +406,7 @@ class _Builder:
         self._loose = set[int]()
         self._singles: dict[tuple[int, tuple[int, ...]], Nodes] = {}
 
-    def run(self, closed: Any, arguments: Sequence[Nodes]) -> list[Nodes]:
+    def run(self, closed, arguments: Sequence[Nodes]) -> list[Nodes]:
         jaxpr, values = closed.jaxpr, dict[Any, Nodes]()
         values.update(zip(jaxpr.constvars, map(self.lifted, closed.consts), strict=True))
         values.update(zip(jaxpr.invars, arguments, strict=True))
@@ -432,17 +417,17 @@ class _Builder:
                 values[v] = result
         return [literal(x) if type(x) is Literal else values[x] for x in jaxpr.outvars]
 
-    def run_within(self, closed: Any, arguments: Sequence[Nodes], may_fuse: bool) -> list[Nodes]:
+    def run_within(self, closed, arguments: Sequence[Nodes], may_fuse: bool) -> list[Nodes]:
         """Runs a trace that a primitive stands for."""
         before, self.may_fuse = self.may_fuse, may_fuse
         results = self.run(closed, arguments)
         self.may_fuse = before
         return results
 
-    def literal(self, x: Any) -> Nodes:
+    def literal(self, x) -> Nodes:
         return self.lifted(np.asarray(x.val, x.aval.dtype))
 
-    def lifted(self, x: Any) -> Nodes:
+    def lifted(self, x) -> Nodes:
         x = np.asarray(x)
         _require_supported(x.dtype)
         flat = x.ravel()
@@ -474,7 +459,7 @@ class _Builder:
             found.append(graph.operation(name, operands, dtype) if node is None else node)
         return np.array(found, np.int64).reshape(shape)
 
-    def equation(self, eqn: Any, x: list[Nodes]) -> list[Nodes]:
+    def equation(self, eqn, x: list[Nodes]) -> list[Nodes]:
         name = eqn.primitive.name
         if (operation := _ELEMENTWISE.get(name)) is not None:
             dtype = eqn.outvars[0].aval.dtype
@@ -492,7 +477,9 @@ class _Builder:
         if (results := self.expand(eqn, self.run_within, x)) is not None:
             return results
         if name in _REDUCTIONS:
-            return [self._reduced(_REDUCTIONS[name], eqn, x[0])]
+            dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
+            y = np.moveaxis(x[0], axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))
+            return [self._total(_REDUCTIONS[name], dtype, y)]
         raise NotSupportedError(f"operation {name}")
 
     # -- number by number ---------------------------------------------------------------------------------------------
@@ -518,23 +505,23 @@ class _Builder:
                 found.append(graph.operation(operation, (x, y), dtype))
         return np.array(found, np.int64).reshape(a.shape)
 
-    def _select_n(self, eqn: Any, which: Nodes, *cases: Nodes) -> list[Nodes]:
+    def _select_n(self, eqn, which: Nodes, *cases: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         if len(cases) != 2 or eqn.invars[0].aval.dtype != bool:
             raise NotSupportedError(f"a selection of {len(cases)} cases")
         return [self.each("select", dtype, which, cases[1], cases[0])]
 
-    def _round(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _round(self, eqn, x: Nodes) -> list[Nodes]:
         if int(eqn.params["rounding_method"]) != 1:
             raise NotSupportedError("rounding of halves away from zero")
         return [self.each("round", np.dtype(eqn.outvars[0].aval.dtype), x)]
 
-    def _convert_element_type(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _convert_element_type(self, eqn, x: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         _require_supported(dtype)
         return [x if dtype == eqn.invars[0].aval.dtype else self.each("convert", dtype, x)]
 
-    def _bitcast_convert_type(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _bitcast_convert_type(self, eqn, x: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         if dtype.itemsize != eqn.invars[0].aval.dtype.itemsize:
             raise NotSupportedError("bits of numbers of another size")
@@ -546,20 +533,20 @@ class _Builder:
 
         return [np.array([taken_for(n) for n in x.ravel().tolist()], np.int64).reshape(x.shape)]
 
-    def _square(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _square(self, eqn, x: Nodes) -> list[Nodes]:
         return [self.each("mul", np.dtype(eqn.outvars[0].aval.dtype), x, x)]
 
-    def _integer_pow(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _integer_pow(self, eqn, x: Nodes) -> list[Nodes]:
         if eqn.params["y"] != 2:
             raise NotSupportedError(f"the power {eqn.params['y']}")
         return self._square(eqn, x)
 
-    def _is_finite(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _is_finite(self, eqn, x: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.invars[0].aval.dtype)
         infinity = self.lifted(np.full((), np.inf, dtype))
         return [self.each("lt", BOOL, self.each("abs", dtype, x), infinity)]
 
-    def _sign(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _sign(self, eqn, x: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         zero, one = (self.lifted(np.full((), c, dtype)) for c in (0, 1))
         # Twice a zero or NaN is the same; twice a subnormal number is 0 where these are flushed, as in XLA.
@@ -569,11 +556,11 @@ class _Builder:
             rest = self.each("select", dtype, self.each("lt", BOOL, x, zero), minus, rest)
         return [self.each("select", dtype, self.each("gt", BOOL, x, zero), one, rest)]
 
-    def _clamp(self, eqn: Any, low: Nodes, x: Nodes, high: Nodes) -> list[Nodes]:
+    def _clamp(self, eqn, low: Nodes, x: Nodes, high: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         return [self.each("min", dtype, self.each("max", dtype, low, x), high)]
 
-    def _reduce_precision(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _reduce_precision(self, eqn, x: Nodes) -> list[Nodes]:
         """Rounds to fewer digits, half to even, in the bits of the numbers."""
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         info, digits = np.finfo(dtype), eqn.params["mantissa_bits"]
@@ -595,57 +582,57 @@ class _Builder:
         is_number = self.each("eq", BOOL, x, x)
         return [self.each("select", dtype, is_number, self.each("bitcast", dtype, kept), x)]
 
-    def _jaxspatial_replica(self, eqn: Any, _: Nodes) -> list[Nodes]:
+    def _jaxspatial_replica(self, eqn, _: Nodes) -> list[Nodes]:
         """A zero that no compiler knows, but this one."""
         return [self.lifted(np.zeros((), eqn.outvars[0].aval.dtype))]
 
-    def _jaxspatial_two_product(self, eqn: Any, a: Nodes, b: Nodes) -> list[Nodes]:
+    def _jaxspatial_two_product(self, eqn, a: Nodes, b: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         p = self.each("mul", dtype, a, b)
         return [p, self.each("product_error", dtype, a, b, p)]
 
     # -- what moves numbers -------------------------------------------------------------------------------------------
 
-    def _broadcast_in_dim(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _broadcast_in_dim(self, eqn, x: Nodes) -> list[Nodes]:
         shape = [1] * len(eqn.params["shape"])
         for k, axis in enumerate(eqn.params["broadcast_dimensions"]):
             shape[axis] = x.shape[k]
         return [np.broadcast_to(x.reshape(shape), eqn.params["shape"])]
 
-    def _reshape(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _reshape(self, eqn, x: Nodes) -> list[Nodes]:
         return [x.reshape(eqn.outvars[0].aval.shape)]
 
     _squeeze = _expand_dims = _reshape
 
-    def _transpose(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _transpose(self, eqn, x: Nodes) -> list[Nodes]:
         return [x.transpose(eqn.params["permutation"])]
 
-    def _rev(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _rev(self, eqn, x: Nodes) -> list[Nodes]:
         return [np.flip(x, eqn.params["dimensions"])]
 
-    def _slice(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _slice(self, eqn, x: Nodes) -> list[Nodes]:
         p = eqn.params
         steps = p["strides"] or [1] * x.ndim
         return [x[tuple(map(slice, p["start_indices"], p["limit_indices"], steps))]]
 
-    def _concatenate(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+    def _concatenate(self, eqn, *x: Nodes) -> list[Nodes]:
         return [np.concatenate(x, axis=eqn.params["dimension"])]
 
-    def _stack(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+    def _stack(self, eqn, *x: Nodes) -> list[Nodes]:
         return [np.stack(x, axis=eqn.params["axis"])]
 
     _jaxspatial_stack = _stack
 
-    def _unstack(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _unstack(self, eqn, x: Nodes) -> list[Nodes]:
         axis = eqn.params["axis"]
         return [np.take(x, k, axis) for k in range(x.shape[axis])]
 
     _jaxspatial_unstack = _unstack
 
-    def _split(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _split(self, eqn, x: Nodes) -> list[Nodes]:
         return list(np.split(x, np.cumsum(eqn.params["sizes"])[:-1], axis=eqn.params["axis"]))
 
-    def _pad(self, eqn: Any, x: Nodes, value: Nodes) -> list[Nodes]:
+    def _pad(self, eqn, x: Nodes, value: Nodes) -> list[Nodes]:
         config = eqn.params["padding_config"]
         if any(low < 0 or high < 0 for low, high, _ in config):
             raise NotSupportedError("negative padding")
@@ -657,18 +644,18 @@ class _Builder:
         y[tuple(places)] = x
         return [y]
 
-    def _iota(self, eqn: Any, *_: Nodes) -> list[Nodes]:
+    def _iota(self, eqn, *_: Nodes) -> list[Nodes]:
         shape, axis = eqn.params["shape"], eqn.params["dimension"]
         row = np.arange(shape[axis], dtype=eqn.params["dtype"])
         return [np.broadcast_to(self.lifted(row).reshape([-1 if k == axis else 1 for k in range(len(shape))]), shape)]
 
-    def _empty(self, eqn: Any, *_: Nodes) -> list[Nodes]:
+    def _empty(self, eqn, *_: Nodes) -> list[Nodes]:
         aval = eqn.outvars[0].aval
         return [self.lifted(np.zeros(aval.shape, aval.dtype))]
 
     _empty2 = _empty
 
-    def _dynamic_slice(self, eqn: Any, x: Nodes, *starts: Nodes) -> list[Nodes]:
+    def _dynamic_slice(self, eqn, x: Nodes, *starts: Nodes) -> list[Nodes]:
         sizes = eqn.params["slice_sizes"]
         at = self._places(x, sizes, starts)
         if at is not None:
@@ -677,7 +664,7 @@ class _Builder:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         return [self._chosen(dtype, starts[axis], [x[at] for at in options])]
 
-    def _dynamic_update_slice(self, eqn: Any, x: Nodes, new: Nodes, *starts: Nodes) -> list[Nodes]:
+    def _dynamic_update_slice(self, eqn, x: Nodes, new: Nodes, *starts: Nodes) -> list[Nodes]:
         at = self._places(x, new.shape, starts)
         if at is not None:
             y = x.copy()
@@ -690,7 +677,7 @@ class _Builder:
             y[place] = self.each("select", dtype, is_here, new, y[place])
         return [y]
 
-    def _gather(self, eqn: Any, x: Nodes, indices: Nodes) -> list[Nodes]:
+    def _gather(self, eqn, x: Nodes, indices: Nodes) -> list[Nodes]:
         d = eqn.params["dimension_numbers"]
         axes = _Axes(d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims, d.start_indices_batching_dims)
         places = self._windows(x.shape, eqn.params["slice_sizes"], indices, axes)
@@ -698,7 +685,7 @@ class _Builder:
         y = x.ravel()[places]
         return [np.moveaxis(y, range(n_batch, y.ndim), d.offset_dims)]
 
-    def _scatter_add(self, eqn: Any, x: Nodes, indices: Nodes, new: Nodes) -> list[Nodes]:
+    def _scatter_add(self, eqn, x: Nodes, indices: Nodes, new: Nodes) -> list[Nodes]:
         d, dtype = eqn.params["dimension_numbers"], np.dtype(eqn.outvars[0].aval.dtype)
         axes = _Axes(
             d.inserted_window_dims,
@@ -767,7 +754,7 @@ class _Builder:
         name = "le" if k == 0 and n > 1 else "ge" if k == n - 1 else "eq"
         return self.each(name, BOOL, index, self.lifted(np.full((), k, dtype)))
 
-    def _dot_general(self, eqn: Any, x: Nodes, y: Nodes) -> list[Nodes]:
+    def _dot_general(self, eqn, x: Nodes, y: Nodes) -> list[Nodes]:
         """Products of functions that callers pass. The order of their terms is nobody's promise."""
         dtypes = {np.dtype(v.aval.dtype) for v in (*eqn.invars, *eqn.outvars)}
         if len(dtypes) > 1:
@@ -785,7 +772,7 @@ class _Builder:
         terms = self.each("mul", dtype, x[:, :, :, None], y[:, :, None, :])
         return [self._total("add", dtype, np.moveaxis(terms, 1, 0)).reshape(shape)]
 
-    def _cholesky(self, eqn: Any, x: Nodes) -> list[Nodes]:
+    def _cholesky(self, eqn, x: Nodes) -> list[Nodes]:
         """L of L L^T, column by column; NaN from the first pivot on that is not positive. [Golub, Van Loan 2013, 4.2.5]
 
         Rounded in another order than by the library that XLA calls.
@@ -803,7 +790,7 @@ class _Builder:
             L[..., j:, j] = np.concatenate([pivot, self.each("div", dtype, column[..., 1:], pivot)], -1)
         return [L]
 
-    def _triangular_solve(self, eqn: Any, a: Nodes, b: Nodes) -> list[Nodes]:
+    def _triangular_solve(self, eqn, a: Nodes, b: Nodes) -> list[Nodes]:
         """The solution of a x = b, or of x a = b, by substitution, row by row."""
         p, dtype, n = eqn.params, np.dtype(eqn.outvars[0].aval.dtype), a.shape[-1]
         is_transposed = p["transpose_a"] != (not p["left_side"])
@@ -816,11 +803,6 @@ class _Builder:
             if not p["unit_diagonal"]:
                 x[..., row, :] = self.each("div", dtype, x[..., row, :], a[..., row, row, None])
         return [x if p["left_side"] else x.swapaxes(-1, -2)]
-
-    def _reduced(self, operation: str, eqn: Any, x: Nodes) -> Nodes:
-        dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
-        y = np.moveaxis(x, axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))
-        return self._total(operation, dtype, y)
 
     def _total(self, operation: str, dtype: np.dtype, y: Nodes) -> Nodes:
         """The rows of an array together."""
@@ -835,7 +817,7 @@ class _Builder:
 
     # -- branches and loops -------------------------------------------------------------------------------------------
 
-    def _cond(self, eqn: Any, index: Nodes, *x: Nodes) -> list[Nodes]:
+    def _cond(self, eqn, index: Nodes, *x: Nodes) -> list[Nodes]:
         branches, node = eqn.params["branches"], int(index[()])
         if node in self.graph.constants:
             k = int(self.graph.constants[node])
@@ -846,7 +828,7 @@ class _Builder:
             return [self.each("select", self._dtype(yes), index, yes, no) for no, yes in both]
         return [self._chosen(self._dtype(options[0]), index, options) for options in zip(*results, strict=True)]
 
-    def _custom_linear_solve(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+    def _custom_linear_solve(self, eqn, *x: Nodes) -> list[Nodes]:
         """The solution by the caller's function; the others are for derivatives."""
         lengths, solve = eqn.params["const_lengths"], eqn.params["jaxprs"].solve
         first = lengths.matvec + lengths.vecmat
@@ -855,7 +837,7 @@ class _Builder:
     def _dtype(self, x: Nodes) -> np.dtype:
         return self.graph.dtypes[int(x.flat[0])] if x.size else BOOL
 
-    def _while(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+    def _while(self, eqn, *x: Nodes) -> list[Nodes]:
         p = eqn.params
         n_condition, n_body = p["cond_nconsts"], p["body_nconsts"]
         of_condition, of_body = x[:n_condition], x[n_condition : n_condition + n_body]
@@ -867,13 +849,13 @@ class _Builder:
 
         return self._looped(turn, None, list(x[n_condition + n_body :]), [])[0]
 
-    def _scan(self, eqn: Any, *x: Nodes) -> list[Nodes]:
+    def _scan(self, eqn, *x: Nodes) -> list[Nodes]:
         """Runs of rows in which known integers are the same are loops: where a boundary is, is such an integer."""
         p = eqn.params
         (n_consts, n_carry), length = _constants_and_carried(eqn), p["length"]
         consts, carry, rows = x[:n_consts], list(x[n_consts : n_consts + n_carry]), x[n_consts + n_carry :]
 
-        def turn(_: Any, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
+        def turn(_, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
             results = self.run(p["jaxpr"], [*consts, *carry, *row])
             return results[:n_carry], results[n_carry:]
 
@@ -1002,7 +984,7 @@ class _Axes(NamedTuple):
     of_batching: Sequence[int]
 
 
-def _constants_and_carried(eqn: Any) -> tuple[int, int]:
+def _constants_and_carried(eqn) -> tuple[int, int]:
     """How many arguments of a loop over rows are constants, and how many are carried from turn to turn."""
     if "ft_in" in eqn.params:  # From JAX 0.11 on: (constants, what is carried, what is sliced).
         consts, carried, _ = eqn.params["ft_in"].unpack()
@@ -1020,7 +1002,7 @@ def _unflat(nodes: Sequence[int], like: Sequence[Nodes]) -> list[Nodes]:
     return [np.array(nodes[a:b], np.int64).reshape(x.shape) for (a, b), x in both]
 
 
-def _size(jaxpr: Any) -> int:
+def _size(jaxpr) -> int:
     """About how many operations a trace has, number by number."""
     size = 0
     for eqn in jaxpr.eqns:
@@ -1057,7 +1039,7 @@ def run(graph: Graph, *arguments: np.ndarray) -> list[np.ndarray]:
     return [np.stack([np.broadcast_to(x, (size,)) for x in row], 1) if row else np.empty((size, 0)) for row in found]
 
 
-def _value(values: _Values, node: int) -> Any:
+def _value(values: _Values, node: int):
     """The value of a node: an array (B,), or a scalar. Its operands come first, without recursion."""
     graph, known, waiting = values.graph, values.known, [node]
     while waiting:
@@ -1074,7 +1056,7 @@ def _value(values: _Values, node: int) -> Any:
     return known[node]
 
 
-def _evaluated(values: _Values, node: int) -> Any:
+def _evaluated(values: _Values, node: int):
     graph, name = values.graph, values.graph.operations[node]
     if name == "constant":
         return graph.constants[node]

@@ -303,7 +303,7 @@ class Writer:
         self.home, self.readers = dict[int, int](), collections.defaultdict[int, set[int]](set)
         self.slots: dict[int, int] = {}
         self.indices: dict[int, int] = {}
-        self.tables: dict[Any, tuple[int, int]] = {}  # places in the frame, and bytes from row to row
+        self.tables: dict[tuple, tuple[int, int]] = {}  # places in the frame, and bytes from row to row
         self.at = collections.defaultdict[int, list[tuple[int, int]]](list)
         for k, nodes in enumerate(graph.results):
             for j, node in enumerate(nodes.ravel().tolist()):
@@ -383,8 +383,8 @@ class Writer:
 
     def _allocate(self) -> int:
         """Gives places in the frame to what another piece reads, and to what loops carry: the size of the frame."""
-        begin, end, clock = dict[Any, int](), dict[Any, int](), 0
-        size_of: dict[Any, int] = {}
+        begin, end, clock = dict[int | tuple, int](), dict[int | tuple, int](), 0
+        size_of: dict[int | tuple, int] = {}
 
         operations, operands, readers = self.g.operations, self.g.operands, self.readers
 
@@ -427,7 +427,7 @@ class Writer:
         def loop_at(k: int, p: int) -> None:
             nonlocal clock
             loop, start = self.g.loops[k], clock
-            own: list[Any] = [("index", k)]
+            own: list = [("index", k)]
             touch(own[0], 8)
             for node in self.order.starts(k):
                 read(node)
@@ -465,10 +465,10 @@ class Writer:
         clock += 1
         for node in self.at:
             read(node)
-        frame, ending = _Frame(), collections.defaultdict[int, list[Any]](list)
+        frame, ending = _Frame(), collections.defaultdict[int, list[int | tuple]](list)
         for key, last in end.items():
             ending[last].append(key)
-        places: dict[Any, int] = {}
+        places: dict[int | tuple, int] = {}
         done = 0
         for key in sorted(begin, key=begin.__getitem__):
             for t in range(done, begin[key]):
@@ -644,7 +644,7 @@ class Writer:
         f.add(f"{scaled} = mul i64 {index}, {stride}")
         return self.loaded(f, self.offset(f, self.offset(f, self.frame, place), scaled), dtype)
 
-    def _read_constant(self, f: Function, index: str, values: Sequence[Any], dtype: np.dtype) -> str:
+    def _read_constant(self, f: Function, index: str, values: Sequence, dtype: np.dtype) -> str:
         inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
         t = self.scalar(inside)
         items = ", ".join(f"{t} {_literal(x, inside)}" for x in values)
@@ -671,9 +671,9 @@ class Writer:
         for node, places in self.at.items():
             if node not in self.home:
                 self.stored_results(block, node, places)
-        return Written(self.joined(functions, block.text("")), size, sum(map(len, self.order.members.values())))
+        return Written(self.module_text(functions, block.text("")), size, sum(map(len, self.order.members.values())))
 
-    def joined(self, functions: Iterable[Function], last: str) -> str:
+    def module_text(self, functions: Iterable[Function], last: str) -> str:
         """The text of the module."""
         tables = [f"{name} = internal constant {content}" for content, name in self.globals.items()]
         texts = [f.text("internal ") for f in functions]

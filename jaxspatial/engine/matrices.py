@@ -160,7 +160,7 @@ def solved(M: Number, b: Number) -> Number:
     start = as_data(mapped(lambda *words: jnp.concatenate(words, 1), *parts))
     last = jnp.arange(n + 1).reshape((1, -1, *[1] * len(shape))) == n
 
-    def turn(k: jax.Array, data: list[Any]) -> list[Any]:
+    def turn(k: jax.Array, data: list) -> list:
         """Eliminates one unknown; its own equation stays."""
         whole = with_data(start, data)
         row, column = (_slice(whole, k, axis) for axis in (0, 1))

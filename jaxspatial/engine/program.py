@@ -113,15 +113,15 @@ class Program:
         """The program for a last argument, and a result, with an axis of such columns behind the states."""
         raise NotImplementedError
 
-    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int) -> Any:
+    def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int) -> list | None:
         """The results along a new axis in front, if there is a faster way than more states; else None."""
         return None
 
-    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+    def jvp(self, primals: list, tangents: list, n_batch: int) -> tuple[list, list]:
         """(results, their tangents)."""
         raise NotImplementedError
 
-    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+    def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         """The cotangents of the arguments that are linear, None for others."""
         raise NotImplementedError
 
@@ -157,18 +157,18 @@ class Traced:
         return selection
 
 
-def _in_parts(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
+def _in_parts(closed: ClosedJaxpr, arrays: Sequence) -> list:
     """The results of a trace, PART operations at a time, as calls that the compiler does not inline.
 
     XLA makes a kernel of every result for CPUs, and each computes again what results share: in one long function that
     is nearly all there is before them, and compiles for minutes.
     """
-    jaxpr, values = closed.jaxpr, dict[Any, Any]()
+    jaxpr, values = closed.jaxpr, {}
     values.update(zip(jaxpr.constvars, closed.consts, strict=True))
     values.update(zip(jaxpr.invars, arrays, strict=True))
     parts = [jaxpr.eqns[k : k + PART] for k in range(0, len(jaxpr.eqns), PART)]
     # From the end: what is read behind each part.
-    read, behind = set(jaxpr.outvars), list[set[Any]]()
+    read, behind = set(jaxpr.outvars), list[set]()
     for part in reversed(parts):
         behind.insert(0, set(read))
         read |= {x for eqn in part for x in eqn.invars if not isinstance(x, Literal)}
@@ -185,7 +185,7 @@ def _in_parts(closed: ClosedJaxpr, arrays: Sequence[Any]) -> list[Any]:
     return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
 
 
-def _with_parts(eqn: Any) -> Any:
+def _with_parts(eqn):
     """A loop whose body is in parts, if it is long; other operations as they are."""
     bodies = {k: x for k, x in eqn.params.items() if isinstance(x, ClosedJaxpr) and len(x.jaxpr.eqns) > PART}
     if eqn.primitive.name not in ("scan", "while") or not bodies:
@@ -212,13 +212,13 @@ def _without_collection() -> Iterator[None]:
 # -- the primitive ----------------------------------------------------------------------------------------------------
 
 
-def bind(program: Program, arrays: Sequence[Any], n_batch: int) -> list[Any]:
+def bind(program: Program, arrays: Sequence, n_batch: int) -> list:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
     return list(_program_p.bind(*varying_alike(arrays), program=program, n_batch=n_batch))
 
 
-def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
+def _abstract(*avals, program: Program, n_batch: int) -> list:
     batch = check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
     specs = [a.sharding.spec for a in avals]
@@ -226,7 +226,7 @@ def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
     # Numbers of a robot may be of no mesh.
     meshed = next((a for a in avals if not a.sharding.mesh.empty), avals[0])
     varying = frozenset[Any]().union(*(a.mat.varying for a in avals))
-    results: list[Any] = []
+    results: list = []
     for i, (shape, dtype) in enumerate(program.outputs(items)):
         primal = program.primal_of(i)
         if primal is not None:
@@ -241,15 +241,15 @@ def _abstract(*avals, program: Program, n_batch: int) -> list[Any]:
     return results
 
 
-def _jvp(primals: Sequence[Any], tangents: Sequence[Any], *, program: Program, n_batch: int):
+def _jvp(primals: Sequence, tangents: Sequence, *, program: Program, n_batch: int):
     return program.jvp(list(primals), list(tangents), n_batch)
 
 
-def _transpose(cotangents: Sequence[Any], *arguments, program: Program, n_batch: int):
+def _transpose(cotangents: Sequence, *arguments, program: Program, n_batch: int):
     return program.transposed(list(cotangents), list(arguments), n_batch)
 
 
-def _batch(arrays: Sequence[Any], axes: Sequence[int | None], *, program: Program, n_batch: int):
+def _batch(arrays: Sequence, axes: Sequence[int | None], *, program: Program, n_batch: int):
     """Batches along a new axis in front of the others."""
     size = next(x.shape[axis] for x, axis in zip(arrays, axes, strict=True) if axis is not None)
     results = program.batched(arrays, axes, size, n_batch)
@@ -284,10 +284,10 @@ class Native(NamedTuple):
 
     machine: ModuleType
     n_devices: int
-    hold: Callable[[Any], Any]
+    hold: Callable
 
     @classmethod
-    def of(cls, context: Any, machine: ModuleType) -> "Native | None":
+    def of(cls, context, machine: ModuleType) -> "Native | None":
         """In a lowering rule: None where machine code cannot be called, or is not to be, as in what is exported."""
         module = context.module_context
         if module.lowering_parameters.for_export or not machine.is_available():
@@ -343,15 +343,11 @@ def _over_columns(
     return jnp.transpose(y, (*np.argsort([*states, *axes]), n_batch))
 
 
-def _varies(batch: tuple[int, ...]) -> bool:
-    """Whether an array over such a batch may have several states; a symbol of `jax.export` stands for any number."""
-    return not check.is_sized(batch) or math.prod(batch) > 1
-
-
 def with_one_axis(x: jax.Array, n_batch: int, batch: tuple[int, ...]) -> jax.Array:
     """An array (*batch, ...) as (B, ...), or as (1, ...) where no axis of the batch varies."""
     shape = x.shape[:n_batch]
-    if _varies(shape) and shape != batch:
+    # A symbol of `jax.export` stands for any number of states.
+    if (not check.is_sized(shape) or math.prod(shape) > 1) and shape != batch:
         x, shape = jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), batch
     return x.reshape((math.prod(shape), *x.shape[n_batch:]))
 
@@ -432,7 +428,7 @@ def _code(
     return program.cached(("code", machine.__name__, key, in_64_bits), made)
 
 
-def _expanded(eqn: Any, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
+def _expanded(eqn, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
     """The results of a primitive of the library that stands for a trace, as nodes of a graph.
 
     Programs that promise errors and no bits say that sums may be fused with products.
@@ -463,7 +459,7 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 # -- lowering ----------------------------------------------------------------------------------------------------------
 
 
-def _lowering(machine: ModuleType | None) -> Callable[..., Any]:
+def _lowering(machine: ModuleType | None) -> Callable:
     def rule(context, *arrays, program: Program, n_batch: int):
         native, in_parts = Native.of(context, machine) if machine else None, machine is cpu
         lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=in_parts), multiple_results=True)
@@ -478,15 +474,10 @@ def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
     return compiled(_program_p, program=program, n_batch=n_batch)
 
 
-def _run_alone(*arrays: jax.Array, program: Program, n_batch: int) -> list[jax.Array]:
-    """The results outside of any transformation."""
-    return _compiled(program, n_batch)(*arrays)
-
-
 _program_p: Any = Primitive("jaxspatial_program")
 _program_p.multiple_results = True
 _program_p.def_abstract_eval(_abstract)
-_program_p.def_impl(_run_alone)
+_program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
 mlir.register_lowering(_program_p, _lowering(None))
 mlir.register_lowering(_program_p, _lowering(cpu), platform="cpu")
 mlir.register_lowering(_program_p, _lowering(cuda), platform="cuda")

@@ -208,7 +208,7 @@ class _Loop(Generic[B, S, R]):
         self.states: list[Any] = []
         self.result = None
 
-    def run(self, states: list[Any], memory: list[Any]) -> tuple[Any, Any, Any]:
+    def run(self, states: list, memory: list) -> tuple[Any, Any, Any]:
         """(the results, the last state, the memory)."""
         boundaries, n_rows = self.boundaries, len(self.boundaries.rows)
         self.states = self._spread(states, self.shape)
@@ -222,7 +222,7 @@ class _Loop(Generic[B, S, R]):
         results = with_data(self.result, stacked)
         return results, self._state(last), self._state(last_memory) if n_rows else boundaries.memory
 
-    def _spread(self, states: list[Any], shape: tuple[int, int]) -> list[Any]:
+    def _spread(self, states: list, shape: tuple[int, int]) -> list:
         """Numbers of the state over all chains."""
         both = zip(states, self.is_known, strict=True)
         return [x if known else as_data(stacking.spread(x, shape)) for x, known in both]
@@ -230,7 +230,7 @@ class _Loop(Generic[B, S, R]):
     def _state(self, data):
         return jax.tree.unflatten(self.structure, with_data(self.states, data))
 
-    def _data(self, state, shape: tuple[int, int]) -> list[Any]:
+    def _data(self, state, shape: tuple[int, int]) -> list:
         """The data of a new state; records in `changed` which known numbers differ."""
         new = jax.tree.leaves(state, is_leaf=is_number)
         for i, (x, y, k) in enumerate(zip(self.states, new, self.is_known, strict=True)):

@@ -3,7 +3,7 @@
 import itertools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -39,7 +39,7 @@ def _sliced(array: jax.Array, places: np.ndarray) -> jax.Array:
     return taken if taken.shape == shape else taken.reshape(shape)
 
 
-def mapped(function: Callable[[Any], Any], tree: T) -> T:
+def mapped(function: Callable, tree: T) -> T:
     """Applies a function to the arrays in a tree of numbers; known numbers pass unchanged."""
     return jax.tree.map(lambda x: function(x) if isinstance(x, jax.Array) else x, tree)
 
@@ -51,7 +51,7 @@ def spread(x: Number, shape: Shape) -> Number:
     return numbers.mapped(lambda word: jnp.broadcast_to(word, shape), x)
 
 
-def all_equal(values: Sequence[Any]) -> bool:
+def all_equal(values: Sequence) -> bool:
     """Whether all numbers are known, and equal."""
     return all(map(is_constant, values)) and len({tuple(map(float, x.limbs)) for x in values}) == 1
 
@@ -63,7 +63,11 @@ def stacked(parts: Numbers, shape: Shape, axis: int) -> Number:
 
 def stacked_trees(trees: Sequence[T]) -> T:
     """Stacks k trees of numbers to one of numbers (k, ...). Known equal numbers stay known, a single tree unchanged."""
-    return trees[0] if len(trees) == 1 else _leafwise(trees, lambda xs: stacked(xs, _common_shape(xs), 0))
+
+    def broadcast(xs: Numbers) -> Number:
+        return stacked(xs, check.broadcast_shapes((1, 1, 1), *map(numbers.shape_of, xs)), 0)
+
+    return trees[0] if len(trees) == 1 else _leafwise(trees, broadcast)
 
 
 def concatenated(parts: Numbers) -> Number:
@@ -80,12 +84,8 @@ def concatenated_trees(trees: Sequence[T], n: int, counts: Sequence[int] | None 
     return _leafwise(trees, lambda xs: concatenated([spread(x, (i, n)) for x, i in zip(xs, k, strict=True)]))
 
 
-def _leafwise(trees: Sequence[Any], combine: Callable[[Numbers], Number]):
+def _leafwise(trees: Sequence, combine: Callable[[Numbers], Number]):
     return jax.tree.map(lambda *xs: xs[0] if all_equal(xs) else combine(xs), *trees, is_leaf=is_number)
-
-
-def _common_shape(xs: Numbers) -> Shape:
-    return check.broadcast_shapes((1, 1, 1), *(numbers.shape_of(x) for x in xs))
 
 
 def added_at(x: Number, row: int, y: Number) -> Number:

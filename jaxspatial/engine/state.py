@@ -46,14 +46,14 @@ class JointState(NamedTuple):
     @property
     def subspace(self) -> tuple[Motion, ...]:
         """The columns of S."""
-        return self.kind.motion_subspace(*self._where)
+        return self.kind.motion_subspace(*self._arguments)
 
     def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
         """The columns of dS/dt."""
-        return self.kind.motion_subspace_rate(*[*self._where, v])
+        return self.kind.motion_subspace_rate(*[*self._arguments, v])
 
     @property
-    def _where(self) -> tuple[Any, ...]:
+    def _arguments(self) -> tuple:
         """What S depends on."""
         return (self.q, self.cos_sin) if self.kind.subspace_needs_q else (self.cos_sin,)
 
@@ -427,7 +427,7 @@ class MechanismState:
 
     # -- unrounded numbers as arrays, passed from one program to another ----------------------------------------------
 
-    def words(self, results: Sequence[Any]) -> list[jax.Array]:
+    def words(self, results: Sequence) -> list[jax.Array]:
         """The limbs of trees of numbers, one tree for every bundle, as arrays (..., B)."""
         full: list[Number] = []
         for b, tree in zip(self.bundles, results, strict=True):
@@ -437,7 +437,7 @@ class MechanismState:
                 full.append(numbers.as_data(stacking.spread(x, over)))
         return numbers.data_of(full)
 
-    def of_words(self, words: Iterable[Array], form) -> Any:
+    def of_words(self, words: Iterable[Array], form):
         """The inverse of `words`: numbers made of these arrays, in trees of the structure of `form`."""
         like, rest = self.known(0.0), iter(words)
         return jax.tree.map(lambda _: like.with_limbs(next(rest) for _ in like.limbs), form, is_leaf=numbers.is_number)
@@ -473,7 +473,7 @@ class JointsOfKind:
     def joint(self) -> JointKind:
         return self.state.joint(self.bundle)
 
-    def apply(self, method: str, *others) -> Any:
+    def apply(self, method: str, *others):
         """Calls a method of the joint kind with the coordinates and other arguments, such as velocities and a time."""
         q = self.configuration(self.state.q)
         return getattr(self.kind, method)(self.joint, q, *others)

@@ -7,7 +7,6 @@ as many operations. The bits are the same, but where a factor is below tiny / ep
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import numpy as np
@@ -48,7 +47,7 @@ class Sums(Program):
 _program_of = functools.lru_cache(maxsize=256)(Sums)
 
 
-def _lower(context, *arrays, plan: Plan) -> Any:
+def _lower(context, *arrays, plan: Plan):
     is_double = plan.precision == "compensated" and context.avals_in[0].dtype == np.float64
     is_of_items = not plan.leading and not any(s.reduced for s in plan.sums)
     are_many = check.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST

@@ -12,10 +12,11 @@ import numpy as np
 from jaxspatial.inertia import parameters
 from jaxspatial.inertia.composition import steiner
 from jaxspatial.inertia.inertia import ABOUT, SpatialInertia, as_entries
-from jaxspatial.numerics import check, elimination, linear
+from jaxspatial.numerics import check, elimination
 from jaxspatial.numerics.check import as_matrices, expanded, refuse, require_kind
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import (
+    Articulated,
     Inertia,
     Matrix,
     Motion,
@@ -28,7 +29,7 @@ from jaxspatial.numerics.linear import (
     skew,
     total,
 )
-from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, noinline, noinline_pairs, where
+from jaxspatial.numerics.numbers import Mask, Number, Numbers, high, noinline, noinline_pairs, where
 from jaxspatial.numerics.numbers.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.numerics.promise import Promise, promises
 from jaxspatial.numerics.quantity import Additive, rebuilt, require_compatible, tree
@@ -151,6 +152,11 @@ class ArticulatedInertia(Additive):
         entries = as_matrices(m, "ArticulatedInertia.from_matrix: m", 6)[..., _OF_MATRIX]
         return cls(entries[..., :6], entries[..., 6:15], entries[..., 15:])
 
+    @property
+    def _grouped(self) -> Articulated:
+        """Its arrays as formulas take them."""
+        return Articulated(*self._vectors)
+
     # -- parts --------------------------------------------------------------------------------------------------------
 
     def to_matrix(self) -> jax.Array:
@@ -188,30 +194,30 @@ class ArticulatedInertia(Additive):
         """
         P = check.narrowed(self)
         tolerance = 64 * check.eps(P.dtype) if tolerance is None else float(tolerance)
-        return _is_valid(None, *from_double_word(P._vectors), tolerance=tolerance)
+        return _is_valid(None, from_double_word(P._grouped), tolerance=tolerance)
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: "ArticulatedInertia | SpatialInertia") -> Self:
         """Entry by entry, for bodies welded together, about the same point in the same frame: error <= u |x + y|."""
         return self._with(operator.add, other)
 
-    def __sub__(self, other: Any) -> Any:
+    def __sub__(self, other: "ArticulatedInertia | SpatialInertia") -> Self:
         """Entry by entry: the inertia without a body that was welded to it."""
         return self._with(operator.sub, other)
 
-    def __radd__(self, other: Any) -> Any:
+    def __radd__(self, other: SpatialInertia | int) -> Self:
         """0 + P is P, for Python's `sum`; SpatialInertia + P."""
-        return self if isinstance(other, int) and other == 0 else self.__add__(other)
+        return self if isinstance(other, int) and other == 0 else self._with(operator.add, other)
 
-    def _with(self, operation: Callable[..., Any], other):
+    def _with(self, operation: Callable, other) -> Any:
         if isinstance(other, SpatialInertia):
             other = ArticulatedInertia.from_spatial_inertia(other)
         if not isinstance(other, ArticulatedInertia):
             return NotImplemented
         return part_by_part(operation, self, other)
 
-    def __matmul__(self, A_P_E: Any) -> Any:
+    def __matmul__(self, A_P_E: SpatialAcceleration) -> SpatialForce:
         """P @ A: see `times`."""
         return self.times(A_P_E) if isinstance(A_P_E, SpatialAcceleration) else NotImplemented
 
@@ -243,7 +249,7 @@ class ArticulatedInertia(Additive):
         """
         require_kind(A_P_E, SpatialAcceleration, "ArticulatedInertia.times")
         require_compatible(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
-        return SpatialForce(*_applied(precision, *self._vectors, Motion(*A_P_E._vectors)))
+        return SpatialForce(*_applied(precision, self._grouped, Motion(*A_P_E._vectors)))
 
     def __rmatmul__(self, R_AE: Any) -> Self:
         """R @ P: see `jaxspatial.rotate`."""
@@ -304,22 +310,22 @@ class ArticulatedInertia(Additive):
 
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w)
-        return self._with_vectors(_shifted(precision, *self._vectors, offset(self, p_PQ_E)))
+        return self._with_vectors(_shifted(precision, self._grouped, offset(self, p_PQ_E)))
 
     def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
         require_compatible(Rotation=R_AE, ArticulatedInertia=self)
         if is_identity(R_AE):
             return self
-        return self._with_vectors(_rotated(precision, *self._vectors, R_AE.entries))
+        return self._with_vectors(_rotated(precision, self._grouped, R_AE.entries))
 
     def _act(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         """Rotated and shifted in one formula; errors as of the record ACT."""
         require_no_w(self, w, "act")
-        return self._with_vectors(_acted(precision, *self._vectors, Pose(*X_AB._vectors)))
+        return self._with_vectors(_acted(precision, self._grouped, Pose(*X_AB._vectors)))
 
     def _act_inverse(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w, "act_inverse")
-        return self._with_vectors(_acted_inverse(precision, *self._vectors, Pose(*X_AB._vectors)))
+        return self._with_vectors(_acted_inverse(precision, self._grouped, Pose(*X_AB._vectors)))
 
     def project_out(
         self, S_P_E: Motions, armature: ArrayLike = 0.0, *, precision: PrecisionName = None
@@ -380,7 +386,7 @@ def joint_projection(
     """
     motions = _motions(P_P_E, S_P_E)
     armatures = _armatures(P_P_E, armature, len(motions))
-    J, F, M, *rest = _projected(precision, *P_P_E._vectors, *armatures, *(Motion(*s._vectors) for s in motions))
+    J, F, M, *rest = _projected(precision, P_P_E._grouped, *armatures, *(Motion(*s._vectors) for s in motions))
     U = [SpatialForce(tau, f) for tau, f in zip(rest[::3], rest[1::3], strict=True)]
     D = [d.reshape(d.shape[:-1]) for d in rest[2::3]]
     inertia = P_P_E._with_vectors((J, F, M))
@@ -389,7 +395,7 @@ def joint_projection(
 
 
 def _motions(P: ArticulatedInertia, S: Motions) -> list[SpatialVelocity]:
-    motions: list[Any] = list(S) if isinstance(S, (list, tuple)) else [S]
+    motions: list = list(S) if isinstance(S, (list, tuple)) else [S]
     for s in motions:
         if not isinstance(s, SpatialVelocity):
             refuse("joint_projection: S", "a SpatialVelocity or a list of them", s)
@@ -411,30 +417,13 @@ def _armatures(P: ArticulatedInertia, armature: ArrayLike | Sequence[ArrayLike],
 # -- over numbers -----------------------------------------------------------------------------------------------------
 
 
-class _Articulated(NamedTuple):
-    J: Symmetric
-    F: Matrix
-    M: Symmetric
-
-
-class Articulated(linear.Partwise, _Articulated):
-    """An articulated inertia [[J, F], [F^T, M]] about a point, see `ArticulatedInertia`."""
-
-    __slots__ = ()
-
-
 # Where the six numbers of a symmetric matrix stand.
 _PLACES = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 
 
 def of_body(M: Inertia) -> Articulated:
     """J = I + m (|c|^2 1 - c c^T), F = m [c]x, M = m 1."""
-    return Articulated(M.central + steiner(M.mass, M.com), skew(M.mass * M.com), _times_identity(M.mass))
-
-
-def _times_identity(m: Number) -> Symmetric:
-    zero = constant(m, 0)
-    return Symmetric(m, zero, m, zero, zero, m)
+    return Articulated(M.central + steiner(M.mass, M.com), skew(M.mass * M.com), Symmetric.diagonal(*[M.mass] * 3))
 
 
 def none(zero: Number) -> Articulated:
@@ -442,14 +431,14 @@ def none(zero: Number) -> Articulated:
     return Articulated(Symmetric(*[zero] * 6), Matrix(*[Vector(*[zero] * 3)] * 3), Symmetric(*[zero] * 6))
 
 
-def rows(P: Articulated) -> list[Numbers]:
+def six_rows(P: Articulated) -> list[Numbers]:
     """The six rows of six numbers."""
     return [(*a, *b) for a, b in (*zip(P.J.matrix, P.F, strict=True), *zip(P.F.T, P.M.matrix, strict=True))]
 
 
 def apply(P: Articulated, A: Motion) -> Wrench:
     """(J alpha + F a, F^T alpha + M a)."""
-    six = [algebra.power((row[:3], row[3:]), A) for row in rows(P)]
+    six = [algebra.power((row[:3], row[3:]), A) for row in six_rows(P)]
     return Wrench(Vector(*six[:3]), Vector(*six[3:]))
 
 
@@ -503,47 +492,37 @@ def rank_one_downdate(P: Articulated, U: Wrench, UDinv: Wrench) -> Articulated:
 # -- over numbers that are arrays -------------------------------------------------------------------------------------
 
 
+_applied = formula(apply, of_sums=True, layout=(3, 4))
+_shifted = formula(shifted, of_sums=True, layout=(0, 1, None))
+_rotated = formula(reexpressed)
+
+
 @formula(of_sums=True)
-def _coupling_and_translational(mass: Numbers, com: Vector) -> list[Any]:
-    return [skew(mass[0] * com), _times_identity(mass[0])]
-
-
-@formula(of_sums=True, layout=(3, 4))
-def _applied(J: Symmetric, F: Matrix, M: Symmetric, A: Motion) -> Wrench:
-    return apply(Articulated(J, F, M), A)
-
-
-@formula(of_sums=True, layout=(0, 1, None))
-def _shifted(J: Symmetric, F: Matrix, M: Symmetric, p: Vector) -> list[Any]:
-    return list(shifted(Articulated(J, F, M), p))
-
-
-@formula
-def _rotated(J: Symmetric, F: Matrix, M: Symmetric, R: Matrix) -> list[Any]:
-    return list(reexpressed(Articulated(J, F, M), R))
+def _coupling_and_translational(mass: Numbers, com: Vector) -> list:
+    return [skew(mass[0] * com), Symmetric.diagonal(*[mass[0]] * 3)]
 
 
 @formula
 @noinline
-def _acted(J: Symmetric, F: Matrix, M: Symmetric, X: Pose) -> list[Any]:
+def _acted(P: Articulated, X: Pose) -> Articulated:
     """From frame B at Bo to frame A at Ao: rotated, then shifted."""
-    return list(_shifted_pairs(reexpressed(Articulated(J, F, M), X.R), -X.p))
+    return _shifted_pairs(reexpressed(P, X.R), -X.p)
 
 
 @formula
 @noinline
-def _acted_inverse(J: Symmetric, F: Matrix, M: Symmetric, X: Pose) -> list[Any]:
+def _acted_inverse(P: Articulated, X: Pose) -> Articulated:
     """From frame A at Ao to frame B at Bo: shifted, then rotated."""
-    return list(reexpressed(_shifted_pairs(Articulated(J, F, M), X.p), X.R.T))
+    return reexpressed(_shifted_pairs(P, X.p), X.R.T)
 
 
 _shifted_pairs = noinline_pairs(shifted)
 
 
 @formula
-def _projected(J: Symmetric, F: Matrix, M: Symmetric, *armatures_and_motions) -> list[Any]:
+def _projected(P: Articulated, *armatures_and_motions) -> list:
     """[J, F, M] of what is left, and for each motion the parts of U, and (D,)."""
-    P, results, n = Articulated(J, F, M), [], len(armatures_and_motions) // 2
+    results, n = [], len(armatures_and_motions) // 2
     for (armature,), S in zip(armatures_and_motions[:n], armatures_and_motions[n:], strict=True):
         U, D = U_and_D(P, S, armature)
         P = rank_one_downdate(P, U, UDinv_of(U, D))
@@ -552,11 +531,12 @@ def _projected(J: Symmetric, F: Matrix, M: Symmetric, *armatures_and_motions) ->
 
 
 @formula
-def _is_valid(J: Symmetric, F: Matrix, M: Symmetric, tolerance: float) -> Mask:
+def _is_valid(P: Articulated, tolerance: float) -> Mask:
     """Whether all pivots of P + tolerance 1 are positive, P in units in which J and M are of size 1."""
+    J, F, M = P
     size_J, size_M = _size(J), _size(M)
     root = size_J.sqrt() * size_M.sqrt()
-    matrix = rows(Articulated(J / size_J, Matrix(*(row / root for row in F)), M / size_M))
+    matrix = six_rows(Articulated(J / size_J, Matrix(*(row / root for row in F)), M / size_M))
     lower = [[*row[:i], row[i] + tolerance] for i, row in enumerate(matrix)]
     positive = [~is_none & (high(divisor) > 0) for is_none, divisor, _ in elimination.pivots(lower)]
     return functools.reduce(operator.and_, positive)

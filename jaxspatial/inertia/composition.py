@@ -9,7 +9,6 @@ takes up to twice as long where nothing else is stacked.
 
 import functools
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -69,7 +68,7 @@ def steiner(m: Number, d: Vector) -> Symmetric:
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def composite(precision: Precision, mass: Any, com: Any, central: Any) -> list[jax.Array]:
+def composite(precision: Precision, mass, com, central) -> list[jax.Array]:
     """[mass (*batch,), com, central] of n bodies as one, from (*batch, n, 1), (*batch, n, 3), (*batch, n, 6)."""
     mass, com, central = _composite(precision, Inertia(mass, com, central))
     return [mass[..., 0], com[..., 0, :], central[..., 0, :]]

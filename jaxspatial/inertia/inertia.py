@@ -942,7 +942,7 @@ class SpatialInertia(Additive):
         return self.mass, self.com, self.central
 
     @property
-    def _vectors(self) -> tuple[Any, ...]:
+    def _vectors(self) -> tuple:
         return expanded(self.mass), self.com, self.central
 
     @property
@@ -950,7 +950,7 @@ class SpatialInertia(Additive):
         """Its arrays as formulas take them."""
         return Inertia(*self._vectors)
 
-    def _with_vectors(self, vectors: Iterable[Any]) -> Self:
+    def _with_vectors(self, vectors: Iterable) -> Self:
         mass, com, central = vectors
         return self._like(mass[..., 0], com, central)
 
@@ -965,7 +965,7 @@ class SpatialInertia(Additive):
         return jnp.shape(self.mass)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return np.dtype(self.mass.dtype)
 
@@ -1090,15 +1090,15 @@ class SpatialInertia(Additive):
 
     # -- bodies put together and taken apart --------------------------------------------------------------------------
 
-    def __add__(self, other: Any) -> Any:
+    def __add__(self, other: Self) -> Any:
         """Two bodies as one: see `combine`."""
         return self.combine(other) if isinstance(other, type(self)) else NotImplemented
 
-    def __radd__(self, other: Any) -> Any:
+    def __radd__(self, other: int) -> Any:
         """0 + M is M, for Python's `sum`; for many bodies `SpatialInertia.sum` is faster and better."""
         return self if isinstance(other, int) and other == 0 else NotImplemented
 
-    def __sub__(self, other: Any) -> Any:
+    def __sub__(self, other: Self) -> Any:
         """What is left without a part: see `remove`."""
         return self.remove(other) if isinstance(other, type(self)) else NotImplemented
 
@@ -1162,7 +1162,7 @@ class SpatialInertia(Additive):
         """
         return self._with(composition.without_body, "-", other, precision)
 
-    def _with(self, operation: Callable[..., Any], sign: str, other, precision: PrecisionName) -> Self:
+    def _with(self, operation: Callable, sign: str, other, precision: PrecisionName) -> Self:
         if not isinstance(other, type(self)):
             raise TypeError(f"{sign}: expected a SpatialInertia, got {type(other).__name__}")
         require_compatible(left=self, right=other)
@@ -1401,11 +1401,9 @@ _RESULTS = {SpatialAcceleration: SpatialForce, SpatialVelocity: SpatialMomentum}
 # -- formulas over numbers --------------------------------------------------------------------------------------------
 
 _applied = formula(algebra.apply_inertia, of_sums=True, layout=(3, 4))
-
-
-@formula(of_sums=True)
-def _energy(M: Inertia, V: Motion) -> Number:
-    return halved(algebra.twice_energy(M, V))
+_energy = formula(lambda M, V: halved(algebra.twice_energy(M, V)), of_sums=True)
+_shifted_com = formula(lambda com, p: com - p, of_sums=True)
+_rotated = formula(lambda R, com, central: [R @ com, congruence(R, central)], of_sums=True, layout=(1, 2))
 
 
 @formula(of_sums=True)
@@ -1414,30 +1412,20 @@ def _energy_of_float16(M: Inertia, V: Motion) -> Number:
     return algebra.twice_energy(M, V, half=halved)
 
 
-@formula(of_sums=True)
-def _shifted_com(com: Vector, p: Vector) -> Vector:
-    return com - p
-
-
-@formula(of_sums=True, layout=(1, 2))
-def _rotated(R, com: Vector, central: Symmetric) -> list[Any]:
-    return [R @ com, congruence(R, central)]
-
-
 @formula(of_sums=True, layout=(None, 3))
-def _acted(R, p: Vector, com: Vector, central: Symmetric) -> list[Any]:
+def _acted(R, p: Vector, com: Vector, central: Symmetric) -> list:
     return list(algebra.acted_inertia(Pose(R, p), Inertia(com[0], com, central))[1:])
 
 
 @formula(of_sums=True, layout=(2, 3))
-def _acted_inverse(R, p: Vector, com: Vector, central: Symmetric) -> list[Any]:
+def _acted_inverse(R, p: Vector, com: Vector, central: Symmetric) -> list:
     return list(algebra.inverse_acted_inertia(Pose(R, p), Inertia(com[0], com, central))[1:])
 
 
 # -- arrays of a caller -----------------------------------------------------------------------------------------------
 
 
-def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, name: str = "central") -> list[Any]:
+def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, name: str = "central") -> list:
     """The three as arrays of one dtype over their common batch, the last by six entries."""
     dtype = check.floating_dtype(mass, com, six)
     arrays = {
@@ -1452,7 +1440,7 @@ def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, na
     return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
 
 
-def as_entries(x: ArrayLike, name: str, n: int, dtype: DTypeLike | None = None) -> Any:
+def as_entries(x: ArrayLike, name: str, n: int, dtype: DTypeLike | None = None):
     """An array (*batch, n), or of matrices (*batch, 3, 3) their n entries: 6 of symmetric ones, or all 9."""
     array = check.as_float_array(x, name, dtype, held=True)
     if array.shape[-1:] == (n,):

@@ -8,7 +8,6 @@ the ellipsoid or box that has the same one.
 import functools
 import operator
 from fractions import Fraction
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -186,7 +185,7 @@ def _any(numbers: Numbers) -> Mask:
 
 
 @formula
-def nearest_valid(M: Inertia, moments: Vector, axes: Matrix, tolerance: float) -> list[Any]:
+def nearest_valid(M: Inertia, moments: Vector, axes: Matrix, tolerance: float) -> list:
     """[mass, central] without the part of Sigma that has negative eigenvalues: central + tr(N) 1 - N, with
     N = Q diag(max(-s, 0)) Q^T. The mass of moments without any is the smallest normal number."""
     scaled, e = linear.scaled(moments)

@@ -39,7 +39,7 @@ MESH_CENTRAL = OfSum(15, of="mass r^2 S / V", u2=8)
 
 
 def parts(
-    shape: Callable[..., Any],
+    shape: Callable,
     mass: ArrayLike | None,
     density: ArrayLike | None,
     precision: PrecisionName,
@@ -75,7 +75,7 @@ def single_amount(name: str, mass: ArrayLike | None, density: ArrayLike | None) 
     return ("density", density) if mass is None else ("mass", mass)
 
 
-def dtype_of(*values: Any) -> np.dtype | None:
+def dtype_of(*values) -> np.dtype | None:
     """That of the first array of floating point among the values, for all Python numbers; None where there is none."""
     return check.floating_dtype(*jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn)))
 
@@ -94,7 +94,7 @@ def _require_positive(x: jax.Array, name: str, may_be_zero: bool) -> None:
 
 
 def computed(
-    shape: Callable[..., Any], precision: PrecisionName, arrays: dict[str, jax.Array], **static: Any
+    shape: Callable, precision: PrecisionName, arrays: dict[str, jax.Array], **static
 ) -> tuple[jax.Array, Any, jax.Array]:
     """(mass, com, central) that a formula gives; com is a known zero where the formula has none."""
     check.require_same_dtype(**arrays)
@@ -108,7 +108,7 @@ def computed(
     return m.reshape(batch), com[0] if com else check.numpy_for(batch).zeros((*batch, 3), central.dtype), central
 
 
-def require_finite(name: str, arguments: Iterable[Any], *results: Any, nan: bool = False) -> None:
+def require_finite(name: str, arguments: Iterable, *results, nan: bool = False) -> None:
     """Raises ValueError where finite arguments make a mass or moments that overflow, if all are known.
 
     nan: whether results may be NaN by definition, as those of a mesh that encloses no volume.
@@ -120,7 +120,7 @@ def require_finite(name: str, arguments: Iterable[Any], *results: Any, nan: bool
             raise ValueError(f"{name}: expected mass and moments with terms of at most {largest}, got larger ones")
 
 
-def known(shape: Callable[..., Any], precision: PrecisionName, *arrays: jax.Array, **static: Any) -> Any:
+def known(shape: Callable, precision: PrecisionName, *arrays: jax.Array, **static):
     """The formula; where all arrays are known its results are known too, while tracing as well."""
     if not all(isinstance(a, np.ndarray) for a in arrays):
         return shape(precision, *arrays, **static)
@@ -141,12 +141,7 @@ def _mass(by: str, amount: Number, *factors: Number) -> Number:
     return amount if by == "mass" else math.prod(factors, start=amount)
 
 
-def _diagonal(xx: Number, yy: Number, zz: Number) -> Symmetric:
-    zero = constant(xx, 0)
-    return Symmetric(xx, zero, yy, zero, zero, zz)
-
-
-def _round(m: Number, along: Number, across: Number, difference: Number, n: Vector) -> list[Any]:
+def _round(m: Number, along: Number, across: Number, difference: Number, n: Vector) -> list:
     """Of a body of revolution about n, of any length: along n n^T / n.n + across (1 - n n^T / n.n), difference = along
     - across.
 
@@ -160,18 +155,18 @@ def _round(m: Number, along: Number, across: Number, difference: Number, n: Vect
 
 
 @formula
-def solid_box(amount: Numbers, size: Vector, by: str) -> list[Any]:
+def solid_box(amount: Numbers, size: Vector, by: str) -> list:
     m = _mass(by, amount[0], *size)
     x, y, z = (m * c * c / 12 for c in size)
-    return [(m,), _diagonal(y + z, z + x, x + y)]
+    return [(m,), Symmetric.diagonal(y + z, z + x, x + y)]
 
 
 @formula
-def solid_cube(amount: Numbers, size: Numbers, by: str) -> list[Any]:
+def solid_cube(amount: Numbers, size: Numbers, by: str) -> list:
     (c,) = size
     m = _mass(by, amount[0], c, c, c)
     moment = m * c * c / 6
-    return [(m,), _diagonal(moment, moment, moment)]
+    return [(m,), Symmetric.diagonal(moment, moment, moment)]
 
 
 def _mass_of_ellipsoid(by: str, amount: Number, a: Number, b: Number, c: Number) -> Number:
@@ -179,41 +174,41 @@ def _mass_of_ellipsoid(by: str, amount: Number, a: Number, b: Number, c: Number)
 
 
 @formula
-def solid_sphere(amount: Numbers, radius: Numbers, by: str) -> list[Any]:
+def solid_sphere(amount: Numbers, radius: Numbers, by: str) -> list:
     (r,) = radius
     m = _mass_of_ellipsoid(by, amount[0], r, r, r)
     moment = 2 * (m * r * r) / 5
-    return [(m,), _diagonal(moment, moment, moment)]
+    return [(m,), Symmetric.diagonal(moment, moment, moment)]
 
 
 @formula
-def hollow_sphere(amount: Numbers, radius: Numbers, by: str) -> list[Any]:
+def hollow_sphere(amount: Numbers, radius: Numbers, by: str) -> list:
     (r,) = radius
     m = _mass(by, amount[0], r, r, 4 * pi(r))
     moment = 2 * (m * r * r) / 3
-    return [(m,), _diagonal(moment, moment, moment)]
+    return [(m,), Symmetric.diagonal(moment, moment, moment)]
 
 
 @formula
-def solid_ellipsoid(amount: Numbers, semi_axes: Vector, by: str) -> list[Any]:
+def solid_ellipsoid(amount: Numbers, semi_axes: Vector, by: str) -> list:
     m = _mass_of_ellipsoid(by, amount[0], *semi_axes)
     a, b, c = (m * s * s / 5 for s in semi_axes)
-    return [(m,), _diagonal(b + c, c + a, a + b)]
+    return [(m,), Symmetric.diagonal(b + c, c + a, a + b)]
 
 
 @formula
-def solid_cylinder(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+def solid_cylinder(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list:
     return _cylinder(by, amount[0], radius[0], length[0], axis)
 
 
 @formula
-def solid_cylinder_about_end(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+def solid_cylinder_about_end(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list:
     m, central = _cylinder(by, amount[0], radius[0], length[0], axis)
     half = length[0] / 2 / dot(axis, axis).sqrt()
     return [m, half * axis, central]
 
 
-def _cylinder(by: str, amount: Number, r: Number, length: Number, axis: Vector) -> list[Any]:
+def _cylinder(by: str, amount: Number, r: Number, length: Number, axis: Vector) -> list:
     m = _mass(by, amount, r, r, length, pi(r))
     a, b = m * r * r, m * length * length
     return _round(m, a / 2, (3 * a + b) / 12, (3 * a - b) / 12, axis)
@@ -222,7 +217,7 @@ def _cylinder(by: str, amount: Number, r: Number, length: Number, axis: Vector) 
 @formula
 def hollow_cylinder(
     amount: Numbers, inner_radius: Numbers, outer_radius: Numbers, length: Numbers, axis: Vector, by: str
-) -> list[Any]:
+) -> list:
     (p,), (q,), (h,) = inner_radius, outer_radius, length
     m = _mass(by, amount[0], q - p, q + p, h, pi(q))
     a, b = m * p * p + m * q * q, m * h * h
@@ -230,7 +225,7 @@ def hollow_cylinder(
 
 
 @formula
-def solid_capsule(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+def solid_capsule(amount: Numbers, radius: Numbers, length: Numbers, axis: Vector, by: str) -> list:
     """Of a cylinder, 3 h / (3 h + 4 r) of the mass, and two half balls, 4 r / (3 h + 4 r)."""
     (r,), (h,) = radius, length
     whole = 3 * h + 4 * r
@@ -244,7 +239,7 @@ def solid_capsule(amount: Numbers, radius: Numbers, length: Numbers, axis: Vecto
 
 
 @formula
-def solid_cone(amount: Numbers, radius: Numbers, height: Numbers, axis: Vector, by: str) -> list[Any]:
+def solid_cone(amount: Numbers, radius: Numbers, height: Numbers, axis: Vector, by: str) -> list:
     (r,), (h,) = radius, height
     m = _mass(by, amount[0], r, r, h, pi(r) / 3)
     a, b = 12 * (m * r * r), 3 * (m * h * h)
@@ -252,13 +247,13 @@ def solid_cone(amount: Numbers, radius: Numbers, height: Numbers, axis: Vector, 
 
 
 @formula
-def thin_rod(mass: Numbers, length: Numbers, axis: Vector, by: str) -> list[Any]:
+def thin_rod(mass: Numbers, length: Numbers, axis: Vector, by: str) -> list:
     across = mass[0] * length[0] * length[0] / 12
     return _round(mass[0], constant(across, 0), across, -across, axis)
 
 
 @formula
-def solid_tetrahedron(amount: Numbers, vertices: Numbers, by: str) -> list[Any]:
+def solid_tetrahedron(amount: Numbers, vertices: Numbers, by: str) -> list:
     corners = [Vector(*vertices[i : i + 3]) for i in range(0, 12, 3)]
     edges = [_difference(b, a) for i, a in enumerate(corners) for b in corners[i + 1 :]]
     m = amount[0] if by == "mass" else _mass(by, amount[0], abs(_determinant(*edges[:3])) / 6)
@@ -286,7 +281,7 @@ _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 # -- meshes: signed tetrahedra from the middle to each triangle -------------------------------------------------------
 
 
-def corners_of(vertices: jax.Array, triangles: Any) -> jax.Array:
+def corners_of(vertices: jax.Array, triangles) -> jax.Array:
     """(*batch, m, 9): the three vertices of each of m triangles."""
     n = vertices.shape[-2]
     triangles = triangles if isinstance(triangles, check.ARRAYS) else np.asarray(triangles)
@@ -342,7 +337,7 @@ def middle_of(corners: jax.Array) -> jax.Array:
 
 
 @formula
-def triangle_mesh(amount: Numbers, corners: Matrix, middle: Vector, by: str, size: int) -> list[Any]:
+def triangle_mesh(amount: Numbers, corners: Matrix, middle: Vector, by: str, size: int) -> list:
     """Of a mass or density (amount,) and triangles, `size` of them along the last axis."""
     d, *moments = sums_over_items(_moments(corners, middle), size)
     d = where(high(d) > 0, d, math.nan)

@@ -612,7 +612,7 @@ def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision:
 class _Joint:
     """One joint: its slices of q, v, qpos and qvel, and the conversions of its part of a state."""
 
-    def __init__(self, mechanism: Mechanism, i: int, qpos: slice, qvel: slice, dtype: np.dtype[Any]):
+    def __init__(self, mechanism: Mechanism, i: int, qpos: slice, qvel: slice, dtype: np.dtype):
         t = mechanism.topology
         if t.kinds[i] not in ("free", "ball", "prismatic", "revolute", "continuous"):
             raise ValueError(f"mujoco: MuJoCo has no joints like {t.joint_names[i]!r}: {t.kinds[i]}")

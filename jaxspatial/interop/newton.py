@@ -99,6 +99,6 @@ def _names(labels: list[str]) -> tuple[str, ...]:
     return tuple(label.rpartition("/")[2] for label in labels)
 
 
-def _array(x) -> Any:
+def _array(x):
     """The numbers of an array of Warp; other arrays as they are."""
     return x.numpy() if hasattr(x, "numpy") else x

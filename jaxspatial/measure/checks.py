@@ -134,12 +134,11 @@ def _in_dtype(dtype):
 
 def differing(computed, expected):
     """The share of numbers that differ, bit by bit but for the bits of a NaN."""
-    return float(np.mean([_differs(np.asarray(x), y).ravel() for x, y in zip(computed, expected, strict=True)]))
-
-
-def _differs(x, y):
-    same = (x == y) & (np.signbit(x) == np.signbit(y))
-    return ~np.where(np.isnan(y), np.isnan(x), same)
+    differ = list[np.ndarray]()
+    for x, y in zip(map(np.asarray, computed), expected, strict=True):
+        same = (x == y) & (np.signbit(x) == np.signbit(y))
+        differ.append(~np.where(np.isnan(y), np.isnan(x), same).ravel())
+    return float(np.mean(differ))
 
 
 def _differing_from_numpy(name, dtype, arrays, context):

@@ -35,6 +35,8 @@ class Sized:
         other = _number(other)
         return Sized(self.value + other.value, self.mag + other.mag)
 
+    __radd__ = __add__
+
     def __sub__(self, other: "Sized | float"):
         other = _number(other)
         return Sized(self.value - other.value, self.mag + other.mag)
@@ -43,19 +45,15 @@ class Sized:
         other = _number(other)
         return Sized(self.value * other.value, self.mag * other.mag)
 
+    __rmul__ = __mul__
+
     def __truediv__(self, other: "Sized | float"):
         other = _number(other)
         size = abs(other.value)
         return Sized(self.value / other.value, self.mag / size, other.mag / size)
 
-    def __radd__(self, other: float):
-        return _number(other) + self
-
     def __rsub__(self, other: float):
         return _number(other) - self
-
-    def __rmul__(self, other: float):
-        return _number(other) * self
 
     def __rtruediv__(self, other: float):
         return _number(other) / self
@@ -71,7 +69,7 @@ def sized(x: ArrayLike) -> np.ndarray:
     return np.asarray(np.frompyfunc(Sized, 1, 1)(rationals(x)), dtype=object)
 
 
-def attribute(array: np.ndarray, name: str) -> Any:
+def attribute(array: np.ndarray, name: str):
     """One attribute of every `Sized` of an array: "value", "mag" or "condition"."""
     return np.asarray(np.frompyfunc(lambda x: getattr(x, name), 1, 1)(array), dtype=object)
 
@@ -149,7 +147,7 @@ def in_units_of(allowed: ArrayLike | Fraction, computed: ArrayLike, exact: Array
     return _over(computed, exact, lambda _, a: a, allowed, flushed)
 
 
-def allowed(promise: Promise, precision: str, value: Any, mag: Any, dtype: DTypeLike, condition: Any = 1) -> Any:
+def allowed(promise: Promise, precision: str, value, mag, dtype: DTypeLike, condition=1):
     """The bound of a `Promise` on numbers of exact value and mag, as Fractions; where r is 0, 1 ulp is nothing."""
     ulps = np.where(value != 0, ulp(value, dtype), 0 * mag)
     return promise.allowed(precision, unit_roundoff(dtype), ulps, value, mag, condition)

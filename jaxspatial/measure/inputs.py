@@ -14,7 +14,6 @@ The condition number of a component is mag / |exact value|, where mag is the sum
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 from jax.typing import DTypeLike
@@ -148,9 +147,7 @@ EXTREMES = {
 }
 
 
-def with_condition(
-    rng: np.random.Generator, formula: Callable[..., Any], others: Sequence[np.ndarray], condition: Condition
-):
+def with_condition(rng: np.random.Generator, formula: Callable, others: Sequence[np.ndarray], condition: Condition):
     """Arguments [first, *others] of a formula, at which each component of its value has the condition number asked for.
 
     >>> tau, f, p = with_condition(rng, lambda tau, f, p: tau - np.cross(p, f), benign(rng, 2, 1000, "float32"), 1e6)

@@ -139,14 +139,14 @@ def recommend(function: Callable[..., Any], *arguments: Any, tolerance: float, r
     return Recommendation([Measured(p, errors[p], seconds[p], errors[p] <= tolerance) for p in calls], tolerance)
 
 
-def compiled(function: Callable[..., Any], precision: Precision | str, arguments: Sequence[Any]):
+def compiled(function: Callable, precision: Precision | str, arguments: Sequence):
     """The function compiled in a precision, as a function of nothing."""
     with default_precision(precision):
         program = jax.jit(function).lower(*arguments).compile()
     return lambda: program(*arguments)
 
 
-def reference(function: Callable[..., Any], arguments: Sequence[Any], precision: Precision = OF_REFERENCES):
+def reference(function: Callable, arguments: Sequence, precision: Precision = OF_REFERENCES):
     """The results as float64, of arguments as float64."""
     with jax.enable_x64(True):
         wide = jax.tree.map(lambda x: x.astype(np.float64) if _is_floating(x) else x, arguments)

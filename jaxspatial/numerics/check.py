@@ -18,8 +18,8 @@ NUMPY: type[Any] = np.ndarray
 SCALAR: type[Any] = np.generic
 LIST: type[Any] = list
 TUPLE: type[Any] = tuple
-and_ = cast(Callable[[Any, Any], Any], operator.and_)
-truediv = cast(Callable[[Any, Any], Any], operator.truediv)
+and_ = cast(Callable, operator.and_)
+truediv = cast(Callable, operator.truediv)
 config: Any = jax.config
 finfo: Any = jnp.finfo
 _dtype_of = operator.attrgetter("dtype")
@@ -63,7 +63,7 @@ class StandIn:
     def ndim(self) -> int:
         return len(self.shape)
 
-    def _over_batch(self, batch_shape: _Shape) -> Any:
+    def _over_batch(self, batch_shape: _Shape):
         """Broadcast to another batch shape."""
         shape = (*batch_shape, self.shape[-1])
         return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), self)
@@ -73,14 +73,14 @@ class StandIn:
 ARRAYS: tuple[type[Any], ...] = jax.Array, np.ndarray, np.generic, jax.ShapeDtypeStruct, StandIn
 
 
-def in_short(x: Any) -> str:
+def in_short(x) -> str:
     """float32[4,3] of an array, the text of anything else."""
     if isinstance(x, ARRAYS) and not isinstance(x, StandIn):
         return f"{x.dtype}[{','.join(map(str, x.shape))}]"
     return repr(x)
 
 
-def shown(x: Any, n: int) -> str:
+def shown(x, n: int) -> str:
     """The numbers of one item, n in a row (0 of a scalar); the shape of a batch or of something not computed yet."""
     if not is_computed(x) or x.ndim != min(n, 1):
         return in_short(x)
@@ -97,7 +97,7 @@ def did_you_mean(name: object, names: Iterable[str], nearness: float = 0.6) -> s
     return f"; did you mean {by_small[near[0]]!r}?" if near else ""
 
 
-def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
+def as_float_array(x, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
     """x as an array of floating point. Python numbers, lists of them, and NumPy's integers get the dtype `dtype`.
 
     NumPy stays NumPy (known while tracing): with `held` in its own dtype, else in the one JAX computes in, see
@@ -122,7 +122,7 @@ def as_float_array(x: Any, name: str, dtype: DTypeLike | None = None, *, held: b
     return jax.lax.convert_element_type(array, array.dtype) if array.weak_type else array
 
 
-def floating_dtype(*arguments: Any) -> np.dtype[Any] | None:
+def floating_dtype(*arguments) -> np.dtype | None:
     """The dtype of the first array of floating point: Python numbers, np.float64 among them, take it on beside the
     array, and messages advise to convert integers to it."""
     arrays = (x for x in arguments if isinstance(x, ARRAYS) and not isinstance(x, float))
@@ -134,9 +134,9 @@ def _is_floating(dtype: DTypeLike) -> bool:
     return jnp.issubdtype(dtype, jnp.floating) and np.dtype(dtype).itemsize <= 8
 
 
-def _as_array(x: Any, name: str, dtype: DTypeLike | None) -> Any:
+def _as_array(x, name: str, dtype: DTypeLike | None):
     if isinstance(x, ARRAYS) and not isinstance(x, float):
-        array: Any = np.asarray(x) if isinstance(x, SCALAR) else x
+        array = np.asarray(x) if isinstance(x, SCALAR) else x
         # Integers say no more than those of a list.
         is_integer = isinstance(array, NUMPY) and array.dtype.kind in "iu"
         return array.astype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype) if is_integer else array
@@ -165,19 +165,19 @@ def narrowed(tree: _Tree) -> _Tree:
     return jax.tree.map(_narrowed, tree, is_leaf=goes_with_any_batch)
 
 
-def is_only_held(x: Any) -> bool:
+def is_only_held(x) -> bool:
     """True for NumPy numbers that JAX would narrow."""
     return isinstance(x, NUMPY) and x.dtype == np.float64 and not config.jax_enable_x64
 
 
-def narrowed_each(arrays: Sequence[Any]) -> Sequence[Any]:
+def narrowed_each(arrays: Sequence) -> Sequence:
     """`narrowed`, of a sequence of arrays."""
     if config.jax_enable_x64:
         return arrays
     return [x if isinstance(x, jax.Array) else _narrowed(x) for x in arrays]
 
 
-def _narrowed(x: Any) -> Any:
+def _narrowed(x):
     if goes_with_any_batch(x):
         return x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
     if not isinstance(x, NUMPY) or x.dtype != np.float64:
@@ -186,12 +186,12 @@ def _narrowed(x: Any) -> Any:
     return _in_jax_dtype(x)
 
 
-def _in_jax_dtype(array: Any) -> Any:
+def _in_jax_dtype(array):
     with np.errstate(all="ignore"):
         return array.astype(jax.dtypes.canonicalize_dtype(array.dtype), copy=False)
 
 
-def as_dtype(x: DTypeLike | None) -> np.dtype[Any]:
+def as_dtype(x: DTypeLike | None) -> np.dtype:
     """The dtype of this name, NumPy's own: None and Python's `float` are JAX's default."""
     if x is None or x is float:
         return np.dtype(jax.dtypes.canonicalize_dtype(float))
@@ -212,7 +212,7 @@ def _shown(x: object) -> str:
 
 
 def as_vectors(
-    x: Any,
+    x,
     name: str,
     dtype: DTypeLike | None = None,
     size: int = 3,
@@ -231,7 +231,7 @@ def as_vectors(
     return array if held or isinstance(array, jax.Array) else narrowed(array)
 
 
-def as_matrices(m: Any, name: str, n: int = 3) -> jax.Array:
+def as_matrices(m, name: str, n: int = 3) -> jax.Array:
     """Matrices (*batch, n, n) by their entries (*batch, n n)."""
     array = as_vectors(m, name, size=n, many=[str(n)], held=True)
     if array.shape[-2] != n:
@@ -239,17 +239,17 @@ def as_matrices(m: Any, name: str, n: int = 3) -> jax.Array:
     return array.reshape((*array.shape[:-2], n * n))
 
 
-def matrices(entries: Any, n: int) -> jax.Array:
+def matrices(entries, n: int) -> jax.Array:
     """Entries (*batch, n n) as matrices (*batch, n, n)."""
     return entries.reshape((*entries.shape[:-1], n, n))
 
 
-def expanded(x: Any) -> jax.Array:
+def expanded(x) -> jax.Array:
     """(*batch,) as (*batch, 1)."""
     return x.reshape((*x.shape, 1))
 
 
-def owned(array: Any) -> Any:
+def owned(array):
     """A NumPy array as a read-only copy: the caller may write to the original."""
     if not isinstance(array, NUMPY):
         return array
@@ -270,7 +270,7 @@ def require_kind(x: object, kind: type, name: str, place: str = "") -> None:
         raise TypeError(f"{name}: expected a {kind.__name__}{place}, got {type(x).__name__}{way_out}")
 
 
-def require_same_dtype(**arrays: Any) -> None:
+def require_same_dtype(**arrays) -> None:
     """All dtypes equal, as JAX computes with them: mixed ones would be promoted silently, or not at all, depending on a
     global flag."""
     if len(set(map(_dtype_of, arrays.values()))) == 1:
@@ -284,7 +284,7 @@ def require_same_dtype(**arrays: Any) -> None:
         raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
 
 
-def same_dtype(**arrays: Any) -> dict[str, Any]:
+def same_dtype(**arrays) -> dict[str, Any]:
     """The arrays, or trees of them, in one dtype: as they are, or as JAX computes with them; see `narrowed`."""
     if len(set(map(_dtype_of, arrays.values()))) == 1:
         return arrays
@@ -297,7 +297,7 @@ def is_sized(shape: Sequence[int]) -> bool:
     return all(isinstance(n, (int, np.integer)) for n in shape)
 
 
-def numpy_for(shape: Sequence[int]) -> Any:
+def numpy_for(shape: Sequence[int]):
     """NumPy, to make a known array of this shape; `jax.numpy` where sizes are symbols, which NumPy cannot have."""
     return np if is_sized(shape) else jnp
 
@@ -325,12 +325,12 @@ def common_batch_shape(**batch_shapes: _Shape) -> _Shape:
         ) from None
 
 
-def broadcast_batch(batch_shape: _Shape, *arrays: Any) -> tuple[Any, ...]:
+def broadcast_batch(batch_shape: _Shape, *arrays) -> tuple:
     """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
     return tuple([a if a.shape[:-1] == batch_shape else _broadcast(a, batch_shape) for a in arrays])
 
 
-def _broadcast(array: Any, batch_shape: _Shape) -> Any:
+def _broadcast(array, batch_shape: _Shape):
     if isinstance(array, StandIn):
         return array._over_batch(batch_shape)
     library = numpy_for(batch_shape) if isinstance(array, NUMPY) else jnp
@@ -344,7 +344,7 @@ def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
     return operator.index(axis) % len(batch_shape)
 
 
-def is_computed(x: Any) -> bool:
+def is_computed(x) -> bool:
     """True for an array whose numbers are there to be looked at."""
     if not isinstance(x, jax.Array):
         return isinstance(x, NUMPY)
@@ -357,7 +357,7 @@ def goes_with_any_batch(x: object) -> bool:
     return isinstance(x, StandIn) and not jax.tree.leaves(x)
 
 
-def batch_shape(*parts: Any) -> _Shape:
+def batch_shape(*parts) -> _Shape:
     """The batch shape of arrays that have one in common, but for those that go with any."""
     for x in parts:
         if not isinstance(x, StandIn) or not goes_with_any_batch(x):

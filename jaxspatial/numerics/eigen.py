@@ -34,7 +34,7 @@ def matrix_of_six(six: jax.Array) -> jax.Array:
     return picked(six, _TO_NINE).reshape((*six.shape[:-1], 3, 3))
 
 
-def picked(x: Any, places: np.ndarray) -> Any:
+def picked(x, places: np.ndarray):
     """x[..., places], of slices: an index by arrays would be a gather. What is known stays so."""
     if not isinstance(x, (jax.Array, DoubleWord)):
         return x[..., places]
@@ -76,7 +76,7 @@ def _decomposition_jvp(precision: Precision, primals: tuple[Any], tangents: tupl
 
 
 @formula
-def _tangents(moments: Vector, Q: Matrix, d_six: Symmetric) -> list[Any]:
+def _tangents(moments: Vector, Q: Matrix, d_six: Symmetric) -> list:
     turned, spin = Q.T @ (d_six @ Q), list[Number]()
     for i, j in itertools.product(range(3), repeat=2):
         gap = moments[j] - moments[i]
@@ -86,7 +86,7 @@ def _tangents(moments: Vector, Q: Matrix, d_six: Symmetric) -> list[Any]:
 
 
 @formula
-def _decomposed(six: Symmetric, eps: float) -> list[Any]:
+def _decomposed(six: Symmetric, eps: float) -> list:
     six, e = scaled(six)
     moments, axes = _sorted(*_jacobi(six))
     trace = abs(high(six.xx + six.yy + six.zz))

@@ -16,7 +16,7 @@ from jax.core import Tracer
 
 from jaxspatial.numerics import check, linear
 from jaxspatial.numerics.errorfree.barrier import barrier
-from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Summed, Wrench
+from jaxspatial.numerics.linear import Articulated, Inertia, Matrix, Motion, Pose, Summed, Wrench
 from jaxspatial.numerics.numbers import Corrected, Rounded, components, high, is_number
 from jaxspatial.numerics.numbers.components import Components
 from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
@@ -29,7 +29,7 @@ from jaxspatial.numerics.sums.symbolic import run_symbolically
 
 
 def formula(
-    function: Callable[..., Any] | None = None,
+    function: Callable | None = None,
     *,
     of_sums: bool = False,
     layout: Sequence[int | None] = (),
@@ -41,9 +41,10 @@ def formula(
         tau, f = shifted("compensated", Wrench(tau, f), p)
 
     Arrays are (*batch, n), with batch shapes that broadcast. The function receives each as a Vector (n = 3), a
-    Symmetric (6), a Matrix (9), or a tuple of n numbers; a Motion, Wrench, Pose or Inertia of arrays arrives as one of
-    vectors. It returns a number, a vector or matrix (which becomes an array with a last axis), a mask, or several of
-    these: a list, or a Motion or the like, which becomes a list of arrays. Static arguments are hashable.
+    Symmetric (6), a Matrix (9), or a tuple of n numbers; a Motion, Wrench, Pose, Inertia or Articulated of arrays
+    arrives as one of vectors. It returns a number, a vector or matrix (which becomes an array with a last axis), a
+    mask, or several of these: a list, or a Motion or the like, which becomes a list of arrays. Static arguments are
+    hashable.
 
     of_sums: True where each result is a sum of products, or a quotient of two. These are evaluated
 
@@ -77,14 +78,14 @@ def formula(
     program = functools.partial(_run_with_zeros, run, function)
 
     @functools.cache
-    def compiled() -> Any:
+    def compiled():
         """Made when it is first called: `jit` reads signatures, which for all formulas is a twentieth of an import."""
         return jax.jit(program, static_argnums=(0, 1, 2), inline=True)
 
     @functools.wraps(function)
-    def call(precision: Any, *trees: Any, **static: Any) -> Any:
-        groups: list[Any] = []
-        arrays: Any = []
+    def call(precision, *trees, **static):
+        groups: list = []
+        arrays = []
         for x in trees:
             groups.append(type(x) if isinstance(x, _GROUPS) else None)
             arrays.extend(x) if groups[-1] else arrays.append(x)
@@ -101,36 +102,34 @@ def formula(
     return call
 
 
-def _of_numbers(function: Callable[..., Any]) -> Callable[..., Any]:
+def _of_numbers(function: Callable) -> Callable:
     """The function of vectors of one number each."""
 
     @functools.wraps(function)
-    def call(*vectors: Any, **static: Any) -> Any:
+    def call(*vectors, **static):
         return function(*(v[0] for v in vectors), **static)
 
     return call
 
 
 # Tuples of vectors that are one argument of a formula.
-_GROUPS: Any = Motion, Wrench, Pose, Inertia
+_GROUPS: Any = Motion, Wrench, Pose, Inertia, Articulated
 
 
-def _applied(function: Callable[..., Any], groups: Sequence[Any], vectors: Iterable[Any]) -> Any:
+def _applied(function: Callable, groups: Sequence, vectors: Iterable):
     """Calls the function with the vectors, grouped into Motions and the like: one result, or a list of several."""
     rest = iter(vectors)
     result = function(*[next(rest) if kind is None else _grouped(kind, rest) for kind in groups])
     return list(result) if isinstance(result, _GROUPS) else result
 
 
-def _grouped(kind: Any, vectors: Iterator[Any]) -> Any:
+def _grouped(kind, vectors: Iterator):
     parts = [next(vectors) for _ in kind._fields]
     # The mass, an array (*batch, 1), is a number.
     return Inertia(parts[0][0], *parts[1:]) if kind is Inertia else kind(*parts)
 
 
-def _run_with_zeros(
-    run: Callable[..., Any], function: Callable[..., Any], precision: Precision, groups: Any, static: Any, *arrays: Any
-) -> Any:
+def _run_with_zeros(run: Callable, function: Callable, precision: Precision, groups, static, *arrays):
     """Runs a formula as `run` does; if all Components are zero, it computes with arrays, and returns only known zeros
     as Components."""
     call = functools.partial(_applied, functools.partial(function, **dict(static)) if static else function, groups)
@@ -138,9 +137,9 @@ def _run_with_zeros(
         return run(call, precision, arrays)
     is_vector: list[bool] = []
 
-    def noted(vectors: Any) -> Any:
+    def noted(vectors):
         results = call(vectors)
-        several: list[Any] = results if isinstance(results, check.LIST) else [results]
+        several: list = results if isinstance(results, check.LIST) else [results]
         is_vector[:] = [isinstance(x, (ArrayVector, check.TUPLE)) and not isinstance(x, Quotient) for x in several]
         return results
 
@@ -153,7 +152,7 @@ def _run_with_zeros(
     return several if isinstance(results, check.LIST) else several[0]
 
 
-def _run(function: Callable[..., Any], precision: Precision, arrays: Sequence[Any]) -> Any:
+def _run(function: Callable, precision: Precision, arrays: Sequence):
     is_pair = _has_pairs(arrays)
     twice = is_pair or precision.sees_whole_sums
     with jax.enable_x64(bool(check.config.jax_enable_x64) or twice):
@@ -162,9 +161,9 @@ def _run(function: Callable[..., Any], precision: Precision, arrays: Sequence[An
 
 
 def _run_over(
-    numbers: Callable[..., Any],
-    function: Callable[..., Any],
-    arrays: Sequence[Any],
+    numbers: Callable,
+    function: Callable,
+    arrays: Sequence,
     layout: Sequence[int | None] = (),
     is_pair: bool = False,
 ):
@@ -181,30 +180,25 @@ def _run_over(
     return [results.rounded(x) for x in result]
 
 
-def _laid_out(x: Any, vectors: Sequence[Any], k: int | None) -> Any:
+def _laid_out(x, vectors: Sequence, k: int | None):
     """A result in the memory layout of argument k."""
     if k is None or isinstance(x, ArrayVector) or not isinstance(vectors[k], ArrayVector):
         return x
-    return vectors[k].laid_out(x.entries if isinstance(x, Matrix) else x)
+    entries: Any = x.entries if isinstance(x, Matrix) else x
+    like, values = vectors[k], [number.value for number in entries]
+    return ArrayVector(like.precision, len(values), lambda: stack_like(like.array, values), lambda: values)
 
 
 # -- sums of products --------------------------------------------------------------------------------------------------
 
 
-def _has_pairs(arrays: Sequence[Any]) -> bool:
+def _has_pairs(arrays: Sequence) -> bool:
     """Whether an array is a double word, or Components with a double word among them."""
     kinds = list(map(type, arrays))
     return DoubleWord in kinds or (Components in kinds and any(map(components.has_pairs, arrays)))
 
 
-def _widened(x: Any) -> Any:
-    """The array in float32. The barrier keeps the compiler from dropping the rounding to bfloat16 before it."""
-    return barrier(x).astype(np.float32)
-
-
-def _run_sums(
-    function: Callable[..., Any], precision: Precision, arrays: Sequence[Any], layout: Sequence[int | None]
-) -> Any:
+def _run_sums(function: Callable, precision: Precision, arrays: Sequence, layout: Sequence[int | None]):
     are_components = Components in map(type, arrays)
     if precision.sees_whole_sums or _has_pairs(arrays):
         return run_symbolically(function, precision, arrays)
@@ -212,11 +206,13 @@ def _run_sums(
     numbers = functools.partial(_of_components if are_components else Argument, precision)
     if arrays[0].dtype != jnp.bfloat16:
         return _run_over(numbers, function, arrays, layout)
-    results = _run_over(numbers, function, jax.tree.map(_widened, arrays), layout)
+    # The barrier keeps the compiler from dropping the rounding to bfloat16 before it.
+    wide = jax.tree.map(lambda x: barrier(x).astype(np.float32), arrays)
+    results = _run_over(numbers, function, wide, layout)
     return jax.tree.map(functools.partial(converted, dtype=jnp.bfloat16), results)
 
 
-def _of_components(precision: Precision, array: Any) -> Any:
+def _of_components(precision: Precision, array):
     values = components.as_components(array).components
     return linear.by_size(tuple(Rounded(precision, x, from_outside(x, precision)) for x in values))
 
@@ -231,26 +227,26 @@ class ArrayVector(Sequence[Any]):
     """
 
     def __init__(
-        self, precision: Precision, size: int, make_array: Callable[[], Any], make_values: Callable[[], Sequence[Any]]
+        self, precision: Precision, size: int, make_array: Callable[[], Any], make_values: Callable[[], Sequence]
     ):
         self.precision, self.size = precision, size
         self._make_array, self._make_values = make_array, make_values
 
     @functools.cached_property
-    def array(self) -> Any:
+    def array(self):
         return self._make_array()
 
     @functools.cached_property
-    def operand(self) -> Any:
+    def operand(self):
         """The array as an operand of further operations."""
         return self.array
 
     @functools.cached_property
-    def numbers(self) -> Any:
+    def numbers(self):
         """The numbers as a Vector, Symmetric, Matrix or tuple, see `linear.by_size`."""
         return linear.by_size(tuple(map(Rounded, itertools.repeat(self.precision), self._make_values())))
 
-    def __getitem__(self, i: Any) -> Any:
+    def __getitem__(self, i):
         return self.numbers[i]
 
     def __iter__(self):
@@ -259,70 +255,65 @@ class ArrayVector(Sequence[Any]):
     def __len__(self) -> int:
         return self.size
 
-    def __getattr__(self, name: str) -> Any:
+    def __getattr__(self, name: str):
         if name.startswith("_"):
             raise AttributeError(name)
         return getattr(self.numbers, name)
 
-    def __add__(self, other: Sequence[Any]) -> "ArrayVector":
+    def __add__(self, other: Sequence) -> "ArrayVector":
         return self._as_whole(add, other)
 
-    def __sub__(self, other: Sequence[Any]) -> "ArrayVector":
+    def __sub__(self, other: Sequence) -> "ArrayVector":
         return self._as_whole(subtract, other)
 
-    def __neg__(self) -> Any:
+    def __neg__(self):
         return -self.numbers
 
-    def __mul__(self, s: Any) -> Any:
+    def __mul__(self, s):
         return self.numbers * s
 
-    def __rmul__(self, s: Any) -> Any:
+    def __rmul__(self, s):
         return s * self.numbers
 
-    def __truediv__(self, s: Any) -> Any:
+    def __truediv__(self, s):
         return self.numbers / s
 
-    def __matmul__(self, other: Any) -> Any:
+    def __matmul__(self, other):
         return self.numbers @ other
 
-    def __rmatmul__(self, other: Any) -> Any:
+    def __rmatmul__(self, other):
         return other @ self.numbers
 
-    def _as_whole(self, operation: Callable[..., Any], vector: Sequence[Any]) -> "ArrayVector":
+    def _as_whole(self, operation: Callable, vector: Sequence) -> "ArrayVector":
         """`add` or `subtract` of this and a vector."""
 
-        def array() -> Any:
+        def array():
             others = vector.operand if isinstance(vector, ArrayVector) else [x.operand for x in vector]
             return whole(operation, self.operand, others, self.precision)
 
-        def values() -> list[Any]:
+        def values() -> list:
             return [operation(a.operand, b.operand, self.precision) for a, b in zip(self, vector, strict=True)]
 
         return ArrayVector(self.precision, len(self), array, values)
-
-    def laid_out(self, vector: Sequence[Any]) -> "ArrayVector":
-        """A vector as an array in the layout of this one."""
-        values = [x.value for x in vector]
-        return ArrayVector(self.precision, len(values), lambda: stack_like(self.array, values), lambda: values)
 
 
 class Argument(ArrayVector):
     """The numbers of an argument (*batch, n): its value is the array itself, its operand the array behind a barrier."""
 
-    def __init__(self, precision: Precision, array: Any):
+    def __init__(self, precision: Precision, array):
         self.precision, self.size, self.array = precision, array.shape[-1], array
 
     @functools.cached_property
-    def operand(self) -> Any:
+    def operand(self):
         return from_outside(self.array, self.precision)
 
     @functools.cached_property
-    def numbers(self) -> Any:
+    def numbers(self):
         values, operands = unstack(self.array), unstack(self.operand)
         return linear.by_size(tuple(map(Rounded, itertools.repeat(self.precision), values, operands)))
 
 
-def from_outside(x: Any, precision: Precision) -> Any:
+def from_outside(x, precision: Precision):
     """An argument behind a barrier, so that the compiler does not fuse the operations that computed it with ours.
 
     Precision "fast" needs none, and constants pass unchanged.
@@ -335,7 +326,7 @@ for _kind in (ArrayVector, Argument):
     jax.tree_util.register_pytree_node(_kind, lambda v: (tuple(v), None), lambda _, numbers: cast(Any, numbers))
 
 
-def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -> Any:
+def of_array(array, precision: Precision, twice: bool, dtype=None):
     """The components of an array (*batch, n) as numbers: a Vector, Symmetric, Matrix or tuple, see `linear.by_size`.
 
     twice: in twice the digits, float64 as double words and narrower dtypes in float64.
@@ -344,7 +335,7 @@ def of_array(array: Any, precision: Precision, twice: bool, dtype: Any = None) -
     return linear.by_size(_components(array, precision, twice, np.dtype(dtype or array.dtype)))
 
 
-def _components(array: Any, precision: Precision, twice: bool, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+def _components(array, precision: Precision, twice: bool, dtype: np.dtype) -> tuple:
     if isinstance(array, Components):
         return tuple(_components(c[..., None], precision, twice, np.dtype(c.dtype))[0] for c in array.components)
     if twice and dtype == np.float64:
@@ -361,7 +352,7 @@ def _components(array: Any, precision: Precision, twice: bool, dtype: np.dtype[A
     return tuple([Rounded(precision, converted(x, wide), converted(y, wide)) for x, y in pairs])
 
 
-def of_terms(array: Any, precision: Precision, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+def of_terms(array, precision: Precision, dtype: np.dtype) -> tuple:
     """The components of an array (*batch, n) as numbers of an algorithm over a mechanism.
 
     In "compensated" and "faithful" errors are small relative to the terms of results, and no bits are promised: float64
@@ -384,7 +375,7 @@ class _Results(NamedTuple):
     is_pair: bool
     are_components: bool
 
-    def rounded(self, x: Any) -> Any:
+    def rounded(self, x) -> Any:
         """A number, vector, matrix, mask or `Summed`, as an array."""
         if isinstance(x, Summed):
             return self._summed(x.vector)
@@ -400,7 +391,7 @@ class _Results(NamedTuple):
         is_whole = not self.batch or not is_known(number)
         return number if is_whole else check.numpy_for(self.batch).broadcast_to(number, self.batch)
 
-    def _number(self, x: Any) -> Any:
+    def _number(self, x):
         if not is_number(x):
             return jnp.broadcast_to(x, self.batch)
         if not self.is_pair:
@@ -409,31 +400,27 @@ class _Results(NamedTuple):
             return jax.tree.map(self._over_batch, x)
         return to_double_word(jnp.broadcast_to(x.limbs[0], self.batch), self.dtype)
 
-    def _over_batch(self, x: Any) -> Any:
+    def _over_batch(self, x):
         """The component of a result; one that is known stays known."""
         return x if is_known(x) else jnp.broadcast_to(x, self.batch)
 
-    def _summed(self, vector: Any) -> Any:
-        """The sum of a vector over the last axis of the batch. Known zeros stay known; other sums are data."""
+    def _summed(self, vector):
+        """The sum of a vector, (*batch, n, k) as an array, over n. Known zeros stay known; other sums are data."""
         if not self.are_components:
-            return _sum_of_items(self.rounded(vector))
+            x = self.rounded(vector)
+            if isinstance(x, check.NUMPY) and not x.any():
+                return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
+            return jnp.moveaxis(pairwise_sum(jnp.moveaxis(barrier(x), -1, 0)), 0, -1)
         parts = ((c, is_known(c, 0)) for c in (x.operand for x in vector))
         return components.of([c if is_0 else pairwise_sum(jnp.broadcast_to(c, self.batch)) for c, is_0 in parts])
 
 
-def _sum_of_items(x: Any) -> Any:
-    """The sum of x (*batch, n, k) over n: (*batch, k)."""
-    if isinstance(x, check.NUMPY) and not x.any():
-        return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
-    return jnp.moveaxis(pairwise_sum(jnp.moveaxis(barrier(x), -1, 0)), 0, -1)
-
-
-def as_array(x: Any, dtype: Any) -> Any:
+def as_array(x, dtype):
     """A number rounded to a dtype, as an array or a known number of one limb."""
     return converted(high(x), dtype)
 
 
-def converted(x: Any, dtype: Any) -> Any:
+def converted(x, dtype):
     """Converts to a dtype, with exactly one rounding.
 
     XLA may drop a conversion to 16 bits and back (`xla_allow_excess_precision`), unless something stands between: for

@@ -50,7 +50,7 @@ def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fractio
 
 
 @functools.cache
-def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Any], Any]:
+def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable:
     def evaluated(x: Any) -> Number:
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
@@ -61,13 +61,13 @@ def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable[[Any], Any]:
     return noinline_pairs(evaluated)
 
 
-def _horner(coefficients: tuple[Any, ...], x: Any) -> Any:
+def _horner(coefficients: tuple, x) -> Any:
     result, *others = (c if is_number(c) else constant(x, c) for c in reversed(coefficients))
     return functools.reduce(lambda result, c: result * x + c, others, result)
 
 
 @functools.cache
-def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callable[[Any], Rounded]:
+def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callable[..., Rounded]:
     """The polynomial of a Rounded, differentiated as one: a pull-back needs its slope, and not every step to it."""
 
     @jax.custom_jvp
@@ -178,7 +178,7 @@ def _quarter_turned(turned: Number, c: Number, s: Number) -> tuple[Number, Numbe
     return where(either(_equal(quarter, 1), half), -cos, cos), where(either(_equal(quarter, -1), half), -sin, sin)
 
 
-def _equal(x: Any, number: int) -> Any:
+def _equal(x, number: int):
     return lax.eq(x, x.dtype.type(number)) if isinstance(x, Array) else x == number
 
 

@@ -26,7 +26,7 @@ from jaxspatial.numerics.numbers.number import constant, frozen, high, noinline_
 from jaxspatial.numerics.numbers.rounded import is_known
 
 
-def each(operation: Callable[..., Number], *lists: Sequence[Any]) -> list[Any]:
+def each(operation: Callable[..., Number], *lists: Sequence) -> list:
     """Applies an operation to each entry of some lists: [operation(a, b), ...].
 
     Double words are stacked first, so that the operation is compiled once for all entries.
@@ -36,7 +36,7 @@ def each(operation: Callable[..., Number], *lists: Sequence[Any]) -> list[Any]:
     pairs = [x for x in itertools.chain(*lists) if isinstance(x, DoubleWord)]
     shape = check.broadcast_shapes(*(x.shape for x in pairs))
 
-    def stack(*limbs: Any) -> jax.Array:
+    def stack(*limbs) -> jax.Array:
         return jnp.stack([jnp.broadcast_to(y, shape) for y in limbs])
 
     both = [[x if isinstance(x, DoubleWord) else constant(pairs[0], x) for x in numbers] for numbers in lists]
@@ -51,10 +51,10 @@ class Entrywise:
     # A NumPy number on the left of an operator then calls ours.
     __array_ufunc__ = None
 
-    def __add__(self: Any, other: Any):
+    def __add__(self: Any, other):
         return self._make(each(operator.add, self, other))
 
-    def __sub__(self: Any, other: Any):
+    def __sub__(self: Any, other):
         return self._make(each(operator.sub, self, other))
 
     def __neg__(self: Any):
@@ -76,10 +76,10 @@ class Partwise:
     __slots__ = ()
     __array_ufunc__ = None
 
-    def __add__(self: Any, other: Any):
+    def __add__(self: Any, other):
         return self._make(map(operator.add, self, other))
 
-    def __sub__(self: Any, other: Any):
+    def __sub__(self: Any, other):
         return self._make(map(operator.sub, self, other))
 
     def __neg__(self: Any):
@@ -126,7 +126,7 @@ class Matrix(Partwise, _Rows):
     def T(self) -> "Matrix":
         return Matrix(*map(Vector, *self))
 
-    def __matmul__(self, other: Any) -> Any:
+    def __matmul__(self, other) -> Any:
         """The product with a Vector, a Matrix or a Symmetric."""
         if isinstance(other, Matrix):
             columns = other.T
@@ -157,6 +157,11 @@ class Symmetric(Entrywise, _Six):
         """From the lower triangle of a matrix."""
         return cls(m[0][0], m[1][0], m[1][1], m[2][0], m[2][1], m[2][2])
 
+    @classmethod
+    def diagonal(cls, xx: Number, yy: Number, zz: Number) -> "Symmetric":
+        zero = constant(xx, 0)
+        return cls(xx, zero, yy, zero, zero, zz)
+
     @property
     def matrix(self) -> Matrix:
         xx, xy, yy, xz, yz, zz = self
@@ -167,7 +172,7 @@ class Symmetric(Entrywise, _Six):
         xx, xy, yy, xz, yz, zz = self
         return Symmetric(yy + zz, -xy, xx + zz, -xz, -yz, xx + yy)
 
-    def __matmul__(self, v: Any) -> Any:
+    def __matmul__(self, v) -> Any:
         return self.matrix @ v
 
 
@@ -208,6 +213,18 @@ class Inertia(NamedTuple):
     central: Symmetric
 
 
+class _Articulated(NamedTuple):
+    J: Symmetric
+    F: Matrix
+    M: Symmetric
+
+
+class Articulated(Partwise, _Articulated):
+    """An articulated inertia [[J, F], [F^T, M]] about a point, see `jaxspatial.ArticulatedInertia`."""
+
+    __slots__ = ()
+
+
 class Summed(NamedTuple):
     """The pairwise sum of a vector over the last axis of the batch. A formula may return it, not compute with it."""
 
@@ -217,7 +234,7 @@ class Summed(NamedTuple):
 _BY_SIZE: dict[int, Any] = {3: Vector._make, 6: Symmetric._make, 9: Matrix.of_entries}
 
 
-def by_size(numbers: Sequence[Number]) -> Any:
+def by_size(numbers: Sequence) -> Any:
     """Three numbers as a Vector, six as a Symmetric, nine as a Matrix; any other count as a tuple."""
     return _BY_SIZE.get(len(numbers), tuple)(numbers)
 
@@ -298,7 +315,7 @@ def scaled(v: Sequence[Number]) -> tuple[Any, Any]:
 
 
 @noinline_pairs
-def unit(v: Sequence[Number]) -> Any:
+def unit(v: Sequence[Number]):
     """v / |v|: NaN for zero, and where a component is infinite or NaN."""
     if isinstance(v[0], DoubleWord) or all(map(is_constant, v)):
         v = scaled(v)[0]

@@ -48,7 +48,7 @@ class Promise(NamedTuple):
     def is_exact(self) -> bool:
         return not any(self[:-1])
 
-    def allowed(self, precision: Precision | str, roundoff: Any, ulp: Any, r: Any, mag: Any, condition: Any = 1) -> Any:
+    def allowed(self, precision: Precision | str, roundoff, ulp, r, mag, condition=1):
         """The bound for numbers r of any kind, as of exact rationals. ulp: the unit in the last place of r."""
         if self.is_exact:
             return 0 * mag
@@ -62,7 +62,7 @@ class Promise(NamedTuple):
         return once * mag + of_result * abs(r) * condition
 
     @staticmethod
-    def _exactly(factor: float, roundoff: Any) -> Any:
+    def _exactly(factor: float, roundoff):
         """The factor as the kind of number that the unit roundoff is of."""
         return type(roundoff)(factor)
 
@@ -87,7 +87,7 @@ class Promise(NamedTuple):
         bounds = f'at most {self.plain} in "fast" and "reproducible", {self.precise} in "compensated"'
         return f'{bounds}, 1 ulp of r in "faithful"'
 
-    def is_given(self, precision: Precision | str, roundoff: Any, condition: Any) -> Any:
+    def is_given(self, precision: Precision | str, roundoff, condition):
         """Where anything is promised: not of a quotient whose denominator is little more than its rounding errors."""
         precision = Precision(precision)
         if not self.u_of_result or precision.is_within_an_ulp:
@@ -111,7 +111,7 @@ class Normwise(NamedTuple):
     rounded: float = 1.01
     u2: float = 0
 
-    def allowed(self, precision: Precision | str, roundoff: Any, size: Any, r: Any = None) -> Any:
+    def allowed(self, precision: Precision | str, roundoff, size, r=None):
         """r: the norm of the exact result, None where it is the size."""
         if not Precision(precision).sees_whole_sums:
             return self.u * roundoff * size

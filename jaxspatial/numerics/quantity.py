@@ -62,7 +62,7 @@ def exported_tree_of(*structure: str) -> typing.Callable[[type[_Class]], type[_C
     return decorated
 
 
-def _as_tuples(x: Any) -> Any:
+def _as_tuples(x):
     return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
 
 
@@ -75,12 +75,12 @@ def exported(cls: type[_Class]) -> type[_Class]:
 def _registered(cls, *static: str):
     cls = dataclasses.dataclass(frozen=True, eq=False, repr=False)(cls)
     names = [field.name for field in dataclasses.fields(cls) if field.name not in static]
-    keys: list[Any] = [jax.tree_util.GetAttrKey(name) for name in names]
+    keys: list = [jax.tree_util.GetAttrKey(name) for name in names]
     order, parts = (*static, *names), _getter(names)
     # JAX asks for the parts often: no call more than they take.
     structure = _getter(static) if static else None
 
-    def unflatten(static_parts: tuple[Any, ...], leaves: Iterable[Any]):
+    def unflatten(static_parts: tuple, leaves: Iterable):
         x = object.__new__(cls)
         vars(x).update(zip(order, (*static_parts, *leaves), strict=True))
         return x
@@ -94,12 +94,12 @@ def _registered(cls, *static: str):
     return cls
 
 
-def _getter(names: Sequence[str]) -> Callable[[Any], tuple[Any, ...]]:
+def _getter(names: Sequence[str]) -> Callable[[Any], tuple]:
     """The fields of these names, in a tuple."""
     return operator.attrgetter(*names) if len(names) > 1 else lambda x: tuple(getattr(x, name) for name in names)
 
 
-def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable[Any]) -> _Class:
+def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable) -> _Class:
     """An object of these parts, unchecked."""
     x = object.__new__(cls)
     vars(x).update(zip(names, parts, strict=True))
@@ -134,16 +134,16 @@ class Quantity:
         return check.batch_shape(*self._vectors)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return np.dtype(self._vectors[0].dtype)
 
     @property
-    def _vectors(self) -> tuple[Any, ...]:
+    def _vectors(self) -> tuple:
         """All that this consists of, as arrays (*batch, n): its fields, unless a kind says otherwise."""
         return tuple(getattr(self, name) for name in self.__match_args__)
 
-    def _with_vectors(self, vectors: Iterable[Any]) -> typing.Self:
+    def _with_vectors(self, vectors: Iterable) -> typing.Self:
         """The same kind of quantity made of others.
 
         Args:
@@ -210,15 +210,17 @@ class Quantity:
         items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self._vectors)
         return self._with_vectors(items)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> typing.NoReturn:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> typing.NoReturn:
         """Says what to call: `np.asarray` would make an array of one object of it. `jnp.asarray` comes here, too."""
         raise TypeError(f"asarray: expected an array, got {type(self).__name__}; its numbers are x.{self._as_array}()")
 
-    def __eq__(self, other: Any) -> Any:
+    def __eq__(self, other: object) -> Any:
         """Where all components are equal: a mask (*batch,)."""
         if type(other) is not type(self):
             return _not_comparable(self, other)
-        numeric = _is_numeric(self), _is_numeric(other)
+        # What is no array is a tree that describes trees, see `check.is_tree_mark`.
+        leaves = (jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None) for x in (self, other))
+        numeric = [all(isinstance(leaf, check.ARRAYS) for leaf in each) for each in leaves]
         if not all(numeric):
             return not any(numeric) and _fields(self) == _fields(other)
         a, b = matched(self, other, "==")
@@ -226,7 +228,7 @@ class Quantity:
         equal = (x == y for x, y in zip(*parts, strict=True))
         return functools.reduce(check.and_, [mask[..., i] for mask in equal for i in range(mask.shape[-1])])
 
-    def __ne__(self, other: Any) -> Any:
+    def __ne__(self, other: object) -> Any:
         equal = self == other
         return equal if equal is NotImplemented else not equal if isinstance(equal, bool) else ~equal
 
@@ -297,10 +299,10 @@ class Additive(Quantity):
         return cls(*arrays)
 
 
-def require_compatible(**arguments: Any) -> tuple[int, ...]:
+def require_compatible(**arguments) -> tuple[int, ...]:
     """The common batch shape of quantities and arrays (*batch, n) by name, which are to be of one dtype."""
     check.require_same_dtype(**arguments)
-    shapes: dict[str, Any] = {}
+    shapes = dict[str, tuple[int, ...]]()
     for name, x in arguments.items():
         shapes[name] = x.batch_shape if isinstance(x, Quantity) else x.shape[:-1]
     return check.common_batch_shape(**shapes)
@@ -366,22 +368,22 @@ def _require_equal(arguments: dict[str, Any], expected: str, error: type[Excepti
             raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
 
 
-def _stack_of_vectors(vectors: Sequence[Any], batch: tuple[int, ...], place: int):
+def _stack_of_vectors(vectors: Sequence, batch: tuple[int, ...], place: int):
     """What is known of Components stays so where it is the same in all."""
-    forms: set[Any] = {jax.tree.structure(x) for x in vectors}
+    forms: set = {jax.tree.structure(x) for x in vectors}
     if len(forms) > 1:
         vectors = [as_array(x, batch) for x in vectors]
         is_pair = any(isinstance(x, DoubleWord) for x in vectors)
         vectors = to_double_word(vectors) if is_pair else vectors
 
-    def stacked_limbs(*limbs: Any) -> Any:
+    def stacked_limbs(*limbs):
         is_numpy = all(isinstance(limb, np.ndarray) for limb in limbs)
         return np.stack(limbs, place) if is_numpy else jnp.stack([jnp.asarray(limb) for limb in limbs], place)
 
     return jax.tree.map(stacked_limbs, *vectors)
 
 
-def moved_to_last(vectors: Iterable[Any], place: int, batch_shape: tuple[int, ...]) -> list[Any]:
+def moved_to_last(vectors: Iterable, place: int, batch_shape: tuple[int, ...]) -> list:
     """Arrays (*batch, n) with one axis of the batch behind the others; Components without data have none."""
     last = len(batch_shape) - 1
     moved = functools.partial(jnp.moveaxis, source=place, destination=last)
@@ -394,7 +396,7 @@ def _narrow_index(i):
     return i.astype(np.int32) if isinstance(i, check.NUMPY) and i.dtype.kind in "iu" else i
 
 
-def _require_in_range(x, index: tuple[Any, ...]) -> None:
+def _require_in_range(x, index: tuple) -> None:
     """JAX takes the last item for what is out of range."""
     if any(isinstance(i, jax.Array) for i in index):
         return
@@ -415,10 +417,5 @@ def _not_comparable(x, other: object):
     return NotImplemented
 
 
-def _fields(x) -> list[Any]:
+def _fields(x) -> list:
     return [getattr(x, field.name) for field in dataclasses.fields(x)]
-
-
-def _is_numeric(x) -> bool:
-    """False for a tree that describes trees, see `check.is_tree_mark`."""
-    return all(isinstance(leaf, check.ARRAYS) for leaf in jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None))

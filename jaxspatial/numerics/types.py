@@ -12,7 +12,7 @@ from jaxspatial.numerics.check import StandIn
 from jaxspatial.numerics.precision import Precision
 
 
-def named(name: str, union: Any) -> Any:
+def named(name: str, union) -> Any:
     """A union under its name, which `help` shows in place of the members. Python 3.11 writes it ~name."""
     kind: Any = typing
     return kind.TypeAliasType(name, union) if sys.version_info >= (3, 12) else kind.TypeVar(name, bound=union)

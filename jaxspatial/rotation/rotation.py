@@ -656,7 +656,7 @@ def rotated(R_AB: Rotation, v_B: ArrayLike, *, precision: PrecisionName = None) 
     return rotated_together(R_AB, v_B, precision=precision)[0]
 
 
-def rotated_together(R_AB: Rotation, *vectors: Any, precision: PrecisionName = None) -> tuple[Any, ...]:
+def rotated_together(R_AB: Rotation, *vectors, precision: PrecisionName = None) -> tuple:
     """`rotated` for several vectors of the dtype of R, in one operation: what a derivative collects from all of them is
     one sum."""
     for v in vectors:

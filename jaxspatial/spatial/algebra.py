@@ -5,7 +5,6 @@ about one point in one frame. A `Pose` is X_AB, an `Inertia` that of a rigid bod
 """
 
 from collections.abc import Callable
-from typing import Any
 
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector, Wrench, congruence, cross, dot
 from jaxspatial.numerics.numbers import Number
@@ -94,7 +93,7 @@ def cross_force(V: Motion, F: Wrench) -> Wrench:
     return Wrench(cross(V.w, F.tau) + cross(V.v, F.f), cross(V.w, F.f))
 
 
-def power(F: Any, V: Any) -> Number:
+def power(F, V) -> Number:
     """The power of a wrench at a velocity: tau . w + f . v."""
     return dot(F[0], V[0]) + dot(F[1], V[1])
 

@@ -212,14 +212,14 @@ class RigidTransform(Quantity):
         return SpatialVelocity(*_log(precision, *self._vectors))
 
     @property
-    def _vectors(self) -> tuple[Any, ...]:
+    def _vectors(self) -> tuple:
         return getattr(self.rotation, "entries", self.rotation), self.translation
 
     @property
     def _pose(self) -> Pose:
         return Pose(*self._vectors)
 
-    def _with_vectors(self, vectors: Iterable[Any]) -> "RigidTransform":
+    def _with_vectors(self, vectors: Iterable) -> "RigidTransform":
         entries, p = vectors
         R = rebuilt(Rotation, ("entries",), (entries,))
         return rebuilt(RigidTransform, ("rotation", "translation"), (R, p))
@@ -389,7 +389,7 @@ class RigidTransform(Quantity):
         return matrices(_motion_matrix(None, self._pose), 6)
 
 
-def transformed(X_AB: RigidTransform, other: Any, *, precision: PrecisionName = None) -> Any:
+def transformed(X_AB: RigidTransform, other, *, precision: PrecisionName = None) -> Any:
     """Transforms points, p_AQ = R p_BQ + p_AB, or composes with a RigidTransform, X_AC = X_AB X_BC.
 
     Args:

@@ -9,7 +9,7 @@ The generic functions in `operations` document and call them.
 
 import operator
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -173,28 +173,28 @@ class SpatialVector(Additive):
 
     # -- arithmetic ---------------------------------------------------------------------------------------------------
 
-    def __add__(self, other: Any) -> Self:
+    def __add__(self, other: Self) -> Self:
         """The sum of two vectors about the same point in the same frame: error <= u |x_i + y_i| per component."""
         return self._with(operator.add, other)
 
-    def __sub__(self, other: Any) -> Self:
+    def __sub__(self, other: Self) -> Self:
         """The difference of two about the same point in the same frame: error <= u |x_i - y_i| per component."""
         return self._with(operator.sub, other)
 
-    def __radd__(self, other: Any) -> Self:
+    def __radd__(self, other: int) -> Self:
         """0 + x is x, for Python's `sum`; nothing else adds to a spatial vector."""
         if isinstance(other, int) and other == 0:
             return self
         return self.__rsub__(other)
 
-    def __rsub__(self, other: Any) -> Any:
+    def __rsub__(self, other: object) -> NoReturn:
         raise TypeError(f"+ or -: expected two of one kind, got {type(other).__name__} and {type(self).__name__}")
 
     def __neg__(self) -> Self:
         """The negated vector, exactly."""
         return self._with_vectors(-part for part in self._vectors)
 
-    def __mul__(self, scalar: Any) -> Self:
+    def __mul__(self, scalar: ArrayLike) -> Self:
         """Times a number, or one number per vector of the batch: error <= u |x_i s| per component.
 
         The number does not add axes to the batch: three times one vector is `jax.vmap(operator.mul, (None, 0))(x, s)`.
@@ -203,14 +203,14 @@ class SpatialVector(Additive):
 
     __rmul__ = __mul__
 
-    def __truediv__(self, scalar: Any) -> Self:
+    def __truediv__(self, scalar: ArrayLike) -> Self:
         """Divided by a number, or by one number per vector of the batch: error <= u |x_i / s| per component."""
         return self._scaled(quotient, scalar)
 
-    def _with(self, operation: Any, other: Any) -> Any:
+    def _with(self, operation: Callable, other) -> Any:
         return part_by_part(operation, self, other) if isinstance(other, SpatialVector) else NotImplemented
 
-    def _scaled(self, operation: Any, scalar: Any) -> Any:
+    def _scaled(self, operation: Callable, scalar) -> Any:
         if isinstance(scalar, SpatialVector):
             return NotImplemented
         x, s = check.narrowed(self), self._scalar(scalar)
@@ -219,7 +219,7 @@ class SpatialVector(Additive):
         factor = s if is_known(s) else check.broadcast_batch(batch, check.expanded(s))[0]
         return self._with_vectors(_times(operation, part, factor) for part in parts)
 
-    def _scalar(self, scalar: Any) -> Any:
+    def _scalar(self, scalar):
         """The checked factor: a NumPy number for a Python number, or an array with one number per vector."""
         kind = type(self).__name__
         dtype = check.narrowed(self).dtype
@@ -283,7 +283,7 @@ class SpatialVector(Additive):
         # V x self: each kind has it.
         def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName) -> Self: ...
 
-    def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
+    def _dot(self, other, precision: PrecisionName) -> jax.Array:
         refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", self)
 
     def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
@@ -411,7 +411,7 @@ class SpatialForce(SpatialVector):
         require_no_w(self, w, "act_inverse")
         return self._with_vectors(_inverse_acted_wrench(precision, Pose(*X_AB._vectors), Wrench(*self._vectors)))
 
-    def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
+    def _dot(self, other, precision: PrecisionName) -> jax.Array:
         require_kind(other, SpatialVelocity, "dot", f" beside a {type(self).__name__}")
         require_pair(self, other)
         return _power(precision, Wrench(*self._vectors), Motion(*other._vectors))
@@ -515,7 +515,7 @@ class SpatialVelocity(SpatialVector):
         require_no_w(self, w, "act_inverse")
         return self._with_vectors(_inverse_acted_motion(precision, Pose(*X_AB._vectors), Motion(*self._vectors)))
 
-    def _dot(self, other: Any, precision: PrecisionName) -> jax.Array:
+    def _dot(self, other, precision: PrecisionName) -> jax.Array:
         if not isinstance(other, (SpatialForce, SpatialMomentum)):
             refuse("dot", "a SpatialForce or SpatialMomentum beside a velocity", other)
         return other._dot(self, precision)
@@ -727,30 +727,30 @@ def concatenated(*parts: Any) -> Any:
     return jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *arrays)
 
 
-def _zero_like(x: Any, other: Any) -> Any:
+def _zero_like(x, other):
     dtype = getattr(other, "dtype", None)
     return zero(3, dtype) if isinstance(x, Components) and is_zero(x) and dtype not in (None, x.dtype) else x
 
 
-def _times(operation: Callable[..., Any], part: Any, s: Any) -> Any:
+def _times(operation: Callable, part, s):
     """operation(part, s), `product` or `quotient`, for s (*batch, 1) or a number.
 
     Double words and Components have operators for it.
     """
-    factor: Any = s
-    x: Any = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
+    factor = s
+    x = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
     if isinstance(x, check.StandIn):
         return x * factor if operation is product else x / factor
     return operation(barrier(x), barrier(jnp.broadcast_to(factor, x.shape)))
 
 
-def part_by_part(operation: Callable[..., Any], x: _Kind, y: _Kind) -> _Kind:
+def part_by_part(operation: Callable, x: _Kind, y: _Kind) -> _Kind:
     """x + y or x - y, of one kind."""
     a, b = matched(x, y, operation.__name__)
     return a._with_vectors(_skipping_zero(operation, *parts) for parts in zip(a._vectors, b._vectors, strict=True))
 
 
-def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
+def _skipping_zero(operation: Callable, x, y):
     """x + y or x - y, without an operation for known zeros."""
     if is_zero(y):
         return x
@@ -759,7 +759,7 @@ def _skipping_zero(operation: Callable[..., Any], x: Any, y: Any) -> Any:
     return quietly(operation, barrier(x), barrier(y))
 
 
-def _largest(x: Any) -> Any:
+def _largest(x) -> jax.Array:
     # Written out, as XLA CPU reduces an axis of length 3 in a library call. Both maxima propagate NaN.
     maximum: Any = np.maximum if isinstance(x, np.ndarray) else jnp.maximum
     return maximum(maximum(x[..., 0], x[..., 1]), x[..., 2])

@@ -146,7 +146,7 @@ def _infinite_where(condition: jax.Array, x):
 
 
 @formula(of_sums=True, layout=(None, 1))
-def _axis_of_scaled(F: Wrench) -> list[Any]:
+def _axis_of_scaled(F: Wrench) -> list:
     squared = dot(F.f, F.f)
     return [dot(F.f, F.tau) / squared, cross(F.f, F.tau) / squared]
 

@@ -106,7 +106,7 @@ def test_what_is_rounded_by_itself_is_not_fused():
     def f(a, b, c):
         p, e = transforms.two_product(a, c)
         alone = barrier.product(a, b)
-        return alone + c, 1 * alone + b, barrier.total(a * c, b), barrier.difference(b, a * c), p + b, e
+        return alone + c, 1 * alone + b, barrier.fixed_sum(a * c, b), barrier.difference(b, a * c), p + b, e
 
     x = np.ones((1,), F32)
     assert "fma" not in counted(graph_of(f, x, x, x, may_fuse=True))
@@ -179,7 +179,7 @@ def test_more_random_functions_have_the_bits_of_xla(seed):
 
 def test_a_loop_is_kept_where_it_is_long():
     def f(x, y):
-        return lax.scan(lambda c, row: (barrier.total(c, row), None), y, x)[0]
+        return lax.scan(lambda c, row: (barrier.fixed_sum(c, row), None), y, x)[0]
 
     long, short = graph.MOST_UNROLLED + 1, 10
     g = of_state(f, (long, 1), (1,))
@@ -194,7 +194,7 @@ def test_known_integers_split_a_loop():
     def f(x, y):
         def turn(c, row):
             picked = lax.cond(row[1] > 0, lambda: lax.dynamic_slice(y, (row[1],), (1,)), lambda: row[0])
-            return barrier.total(c, picked), None
+            return barrier.fixed_sum(c, picked), None
 
         return lax.scan(turn, y[:1], (x, jnp.asarray(at)))[0]
 
@@ -208,8 +208,8 @@ def test_what_a_loop_does_not_change_is_in_front_of_it():
     def f(x, y):
         def turn(c, row):
             fixed, c = c
-            once = barrier.product(fixed, y) / barrier.total(y, fixed)
-            return (fixed, barrier.total(c, barrier.product(row, once))), once
+            once = barrier.product(fixed, y) / barrier.fixed_sum(y, fixed)
+            return (fixed, barrier.fixed_sum(c, barrier.product(row, once))), once
 
         return lax.scan(turn, (y, y), x)
 

@@ -247,7 +247,7 @@ def chain(n):
 
     def f(x):
         for k in range(n):
-            x = barrier.total(barrier.product(x, x), x) if k % 2 else barrier.difference(x, barrier.product(x, x))
+            x = barrier.fixed_sum(barrier.product(x, x), x) if k % 2 else barrier.difference(x, barrier.product(x, x))
         return x
 
     return graph_of(f, np.zeros((1, 1), F32))

@@ -228,7 +228,7 @@ def operations(dtype):
         "product": barrier.product,
         "quotient": barrier.quotient,
         "root": lambda x, y: barrier.root(x),
-        "total": barrier.total,
+        "total": barrier.fixed_sum,
         "difference": barrier.difference,
         "no fma": lambda x, y: barrier.no_reassociation(lax.mul(x, y)),
         "barrier": lambda x, y: barrier.barrier(x),
@@ -291,7 +291,7 @@ class _Random:
 
     def _arithmetic(self, _):
         # Held, so that XLA makes no fma of a product and a sum, and does not divide by multiplying.
-        held = [barrier.product, barrier.total, barrier.difference, barrier.quotient]
+        held = [barrier.product, barrier.fixed_sum, barrier.difference, barrier.quotient]
         f = [*held, lax.max, lax.min, lambda x, y: lax.abs(x), lambda x, y: lax.neg(y)][self.rng.integers(8)]
         a, b = self._places(2)
         return lambda v: f(v[a % len(v)], v[b % len(v)])
@@ -325,7 +325,7 @@ class _Random:
                 x, is_here = row
                 y = body([*v, carry, x])
                 y = lax.cond(is_here > 0, lambda y: y, lambda y: barrier.difference(y, carry), y)
-                return barrier.product(y, jnp.full_like(y, 0.5)), barrier.total(y, x)
+                return barrier.product(y, jnp.full_like(y, 0.5)), barrier.fixed_sum(y, x)
 
             given = jnp.asarray(at) if has_boundaries else jnp.zeros_like(at) + (v[0][0] > 0).astype(np.int32)
             last, stacked = lax.scan(turn, v[b % len(v)], (rows, given), reverse=is_reverse)
@@ -432,7 +432,7 @@ def _carries(x, y):
     def turn(carry, row):
         a, b, fixed, count, is_large = carry
         is_large = is_large | (row[0] > 0.5)
-        return (b, barrier.total(a, row), fixed, count + 1, is_large), (barrier.product(b, fixed), is_large)
+        return (b, barrier.fixed_sum(a, row), fixed, count + 1, is_large), (barrier.product(b, fixed), is_large)
 
     start = x[0], y, x[1], jnp.int32(3), jnp.bool_(False)
     return lax.scan(turn, start, x)
@@ -444,8 +444,8 @@ def _with_boundaries(is_reverse):
     def f(x, y):
         def turn(c, row):
             x, k = row
-            c = lax.cond(k > 0, lambda c: barrier.product(c, y), lambda c: barrier.total(c, y), c)
-            return c, (barrier.total(c, x), k)
+            c = lax.cond(k > 0, lambda c: barrier.product(c, y), lambda c: barrier.fixed_sum(c, y), c)
+            return c, (barrier.fixed_sum(c, x), k)
 
         return lax.scan(turn, y, (jnp.concatenate([x, x[:2]]), jnp.asarray(at)), reverse=is_reverse)
 
@@ -455,7 +455,7 @@ def _with_boundaries(is_reverse):
 def _nested(x, y):
     def outer(c, row):
         def inner(d, k):
-            return barrier.total(barrier.product(d, row), c), (d, k)
+            return barrier.fixed_sum(barrier.product(d, row), c), (d, k)
 
         d, stacked = lax.scan(inner, row, x, reverse=True)
         return barrier.difference(d, stacked[0][1]), stacked[1].T
@@ -467,7 +467,7 @@ def _halved(x, y):
     """Turns until a number is small: other numbers of turns in each state. NaN ends it, too."""
 
     def turn(s):
-        return s[0] + 1, barrier.product(s[1], jnp.full_like(s[1], 0.5)), barrier.total(s[2], s[1])
+        return s[0] + 1, barrier.product(s[1], jnp.full_like(s[1], 0.5)), barrier.fixed_sum(s[2], s[1])
 
     return lax.while_loop(lambda s: jnp.abs(s[1][0]) > 0.1, turn, (jnp.int32(0), y, x[0]))
 
@@ -475,7 +475,7 @@ def _halved(x, y):
 def _while_in_scan(x, y):
     def turn(c, row):
         n, small, total = _halved(x, row)
-        return barrier.total(c, total), (n, small)
+        return barrier.fixed_sum(c, total), (n, small)
 
     return lax.scan(turn, y, x)
 
@@ -491,17 +491,17 @@ def _scan_in_while(x, y):
 
 def _while_in_while(x, y):
     def turn(s):
-        return s[0] + 1, barrier.total(s[1], _halved(x, s[1])[1])
+        return s[0] + 1, barrier.fixed_sum(s[1], _halved(x, s[1])[1])
 
     return lax.while_loop(lambda s: s[0] < (jnp.abs(y[0]) * 4).astype(np.int32), turn, (jnp.int32(0), y))
 
 
 def _tables(x, y):
     """Rows that a loop stacked, as they are, backwards, and mixed with others; parts of an argument; constants."""
-    _, rows = lax.scan(lambda c, row: (barrier.total(c, row), (c, c > row)), y, x)
+    _, rows = lax.scan(lambda c, row: (barrier.fixed_sum(c, row), (c, c > row)), y, x)
 
     def turn(c, row):
-        return barrier.total(c, row[0]), (barrier.product(row[0], row[1]), row[3], jnp.where(row[2], c, row[1]))
+        return barrier.fixed_sum(c, row[0]), (barrier.product(row[0], row[1]), row[3], jnp.where(row[2], c, row[1]))
 
     constants = jnp.asarray(np.linspace(-1, 1, 15).reshape((5, 3)), x.dtype)
     masks = jnp.asarray(np.arange(15).reshape((5, 3)) % 3 == 0)
@@ -528,7 +528,7 @@ def _branches(x, y):
 
 def _counting(x, y):
     """Loops over an index: known where it is unrolled, not where it is a loop."""
-    picked = lax.fori_loop(0, 5, lambda k, c: barrier.total(c, x[k]), y)
+    picked = lax.fori_loop(0, 5, lambda k, c: barrier.fixed_sum(c, x[k]), y)
     put = lax.fori_loop(
         1, 4, lambda k, c: lax.dynamic_update_index_in_dim(c, barrier.product(c[k - 1], y), k, axis=0), x
     )
@@ -541,7 +541,7 @@ def _long(x, y):
 
     def turn(c, row):
         for k in range(12):
-            c = barrier.total(barrier.product(c, row), x[k % 5])
+            c = barrier.fixed_sum(barrier.product(c, row), x[k % 5])
         n, small, _ = _halved(x, c)
         for k in range(12):
             c = barrier.difference(barrier.product(c, small), x[k % 5])
@@ -554,8 +554,8 @@ def _long(x, y):
 def _ends(x, y):
     """No turns, one, two; loops nobody reads; loops that change nothing; results that are what loops begin with."""
     none = lax.scan(lambda c, row: (c * row, c), y, x[:0])
-    one = lax.scan(lambda c, row: (barrier.total(c, row), c), y, x[:1])
-    two = lax.scan(lambda c, row: (barrier.total(c, row), c), y, x[:2], reverse=True)
+    one = lax.scan(lambda c, row: (barrier.fixed_sum(c, row), c), y, x[:1])
+    two = lax.scan(lambda c, row: (barrier.fixed_sum(c, row), c), y, x[:2], reverse=True)
     lax.scan(lambda c, row: (c * row, c), y, x)
     same = lax.scan(lambda c, row: ((c[1], c[1]), y), (y, y), x)
     never = lax.while_loop(lambda s: jnp.bool_(False), lambda s: s * 2, y)

@@ -15,6 +15,7 @@ from jax.typing import DTypeLike
 
 from jaxspatial.numerics.check import finfo, is_sized
 from jaxspatial.numerics.errorfree.primitives import (
+    Tangent,
     choice,
     elementwise,
     is_zero,
@@ -26,7 +27,7 @@ from jaxspatial.numerics.errorfree.primitives import (
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, ad, mlir, stablehlo
 
 
-def barrier(x: Any) -> Any:
+def barrier(x):
     """x, an array rounded where it stands, of whose numbers the compiler knows nothing: 1 operation.
 
     For arrays that a caller computed: no fma is made of a product passed through and the sum that follows, sums and
@@ -36,7 +37,7 @@ def barrier(x: Any) -> Any:
     return _barrier_p.bind(x) if isinstance(x, Array) else x
 
 
-def barrier_or_nan(x: Any) -> Any:
+def barrier_or_nan(x):
     """`barrier`, for arrays whose errors of sums and products are going to be computed; see `opaque_or_nan`."""
     return _barrier_or_nan_p.bind(x) if isinstance(x, Array) else x
 
@@ -99,7 +100,7 @@ def _zero(x: Array) -> Array:
     return lax.convert_element_type(hidden_zero(x), _integer(x.dtype))
 
 
-def _integer(dtype: DTypeLike) -> np.dtype[Any]:
+def _integer(dtype: DTypeLike) -> np.dtype:
     return np.dtype(f"uint{finfo(dtype).bits}")
 
 
@@ -144,7 +145,7 @@ def widened(x: Array, dtype: DTypeLike = np.float64) -> Array:
     return lax.convert_element_type(no_reassociation(x), dtype)
 
 
-def _to_its_own_format(context: Any, x: Any) -> Sequence[Any]:
+def _to_its_own_format(context, x) -> Sequence:
     info = finfo(context.avals_out[0].dtype)
     return [stablehlo.reduce_precision(x, mlir.i32_attr(info.nexp), mlir.i32_attr(info.nmant))]
 
@@ -152,11 +153,11 @@ def _to_its_own_format(context: Any, x: Any) -> Sequence[Any]:
 def _identity(name: str, lower: Callable[[Array], Array]):
     """A primitive that changes nothing, and neither do its derivatives."""
 
-    def jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+    def jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
         result, (tangent,) = primitive.bind(*primals), tangents
         return result, no_tangent(result) if is_zero(tangent) else primitive.bind(tangent)
 
-    def transpose(cotangent, _) -> list[Any]:
+    def transpose(cotangent, _) -> list:
         return [None if is_zero(cotangent) else primitive.bind(cotangent)]
 
     primitive = elementwise(name, lax.neg_p, lower_fun(lower, multiple_results=False), jvp, transpose)
@@ -173,7 +174,7 @@ mlir.register_lowering(_kept_p, _to_its_own_format, platform="cpu")
 # Each is one operation of a trace. As two, the sum and what holds it, they would make traces a fifth longer.
 
 
-def total(a: Array, b: Array) -> Array:
+def fixed_sum(a: Array, b: Array) -> Array:
     """`no_reassociation(a + b)`, of arrays of one shape and dtype, or of one and a number."""
     return _bound(_sum_p, a, b)
 
@@ -183,25 +184,23 @@ def difference(a: Array, b: Array) -> Array:
     return _bound(_difference_p, a, b)
 
 
-def _bound(primitive: Any, a: Any, b: Any) -> Array:
+def _bound(primitive, a, b) -> Array:
     return primitive.bind(*(same_sharding(a, b) if a.shape == b.shape else (a, b)))
 
 
-def _fixed_sum(
-    name: str, operation: Callable[[Array, Array], Array], like: Any, signed: Callable[[Array], Array]
-) -> Any:
+def _of_fixed(name: str, operation: Callable[[Array, Array], Array], like, signed: Callable[[Array], Array]):
     """The primitive of an operation, which is a + signed(b), whose result no compiler rearranges."""
 
     def lowered(a: Array, b: Array) -> Array:
         return no_reassociation(operation(*over_one_shape(a, b)))
 
-    def jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+    def jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
         result, (da, db) = primitive.bind(*primals), tangents
         if is_zero(da):
             return result, no_tangent(result) if is_zero(db) else signed(db)
         return result, da if is_zero(db) else _bound(primitive, da, db)
 
-    def transpose(cotangent, a, b) -> list[Any]:
+    def transpose(cotangent, a, b) -> list:
         wanted = [ad.is_undefined_primal(x) and not is_zero(cotangent) for x in (a, b)]
         return [cotangent if wanted[0] else None, signed(cotangent) if wanted[1] else None]
 
@@ -209,8 +208,8 @@ def _fixed_sum(
     return primitive
 
 
-_sum_p = _fixed_sum("sum", lax.add, lax.add_p, lambda x: x)
-_difference_p = _fixed_sum("difference", lax.sub, lax.sub_p, lax.neg)
+_sum_p = _of_fixed("sum", lax.add, lax.add_p, lambda x: x)
+_difference_p = _of_fixed("difference", lax.sub, lax.sub_p, lax.neg)
 
 
 # -- products and quotients rounded on their own -----------------------------------------------------------------------
@@ -219,12 +218,12 @@ _difference_p = _fixed_sum("difference", lax.sub, lax.sub_p, lax.neg)
 # arguments have one shape, and are numbers of the library's own: those of a caller go through `barrier` first.
 
 
-def product(a: Any, b: Any) -> jax.Array:
+def product(a, b) -> jax.Array:
     """fl(a * b), never part of an fma: error <= u |a b|, bitwise NumPy's. One of both may be a number."""
     return _bound(_product_p, a, b)
 
 
-def quotient(a: Any, b: Any) -> jax.Array:
+def quotient(a, b) -> jax.Array:
     """fl(a / b), never a multiplication by fl(1 / b): error <= u |a / b|, bitwise NumPy's."""
     return _quotient_p.bind(*same_sharding(a, b))
 
@@ -275,18 +274,18 @@ def _rounded_root(x: Array):
     return no_fma(lax.sqrt(x))
 
 
-def _product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+def _product_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
     result = product(*primals)
     return result, product_tangent(result, primals, tangents)
 
 
-def product_tangent(result: Array, primals: Sequence[Array], tangents: Sequence[Any]) -> Any:
+def product_tangent(result: Array, primals: Sequence[Array], tangents: Sequence):
     """da b + a db, of tangents that may be known to be zero."""
     (a, b), (da, db) = primals, tangents
     return _sum(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
 
 
-def _quotient_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+def _quotient_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
     """d(a / b) = da / b - (a / b) db / b."""
     (a, b), (da, db) = primals, tangents
     result = quotient(a, b)
@@ -295,7 +294,7 @@ def _quotient_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Ar
     return result, _sum(result, of_dividend + of_divisor)
 
 
-def _root_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[Array, Any]:
+def _root_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
     """dx / (2 sqrt(x)), the quotient rounded on its own: `lax.sqrt` has one that depends on the program around it."""
     (dx,), result = tangents, root(*primals)
     return result, no_tangent(result) if is_zero(dx) else quotient(dx, lax.add(result, result))

@@ -14,15 +14,14 @@ from jax import Array, lax
 from jaxspatial.numerics.jax_internals import ClosedJaxpr, Primitive, ShapedArray, ad, batching, mlir, set_xla_metadata
 
 Rule = Callable[..., Any]
+Tangent = Array | ad.Zero
 # Operations of a trace that call another trace.
 CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
 
-def elementwise(
-    name: str, like: Any, lower: Rule, jvp: Rule, transpose: Rule | None = None, n_results: int | None = None
-) -> Any:
+def elementwise(name: str, like, lower: Rule, jvp: Rule, transpose: Rule | None = None, n_results: int | None = None):
     """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
 
     One of these may be a number without a shape: it stands for as many as the other has, see `over_one_shape`.
@@ -53,7 +52,7 @@ def elementwise(
     return primitive
 
 
-def compiled(primitive: Any, **parameters: Any) -> Callable[..., Any]:
+def compiled(primitive, **parameters) -> Callable:
     """The primitive outside of a program: one of its own, also where `jax.disable_jit` is on."""
 
     def bound(*arrays: Array):
@@ -97,7 +96,7 @@ def same_sharding(*arrays: Array, components: int | None = None) -> Sequence[Arr
     ]
 
 
-def varying_alike(arrays: Sequence[Any]) -> Sequence[Any]:
+def varying_alike(arrays: Sequence) -> Sequence:
     """The arrays, all varying over the axes of a `shard_map` over which any of them does. So the cotangent of one that
     does not is summed over these axes."""
     # Every call comes here: `jax.typeof` of NumPy's arrays would take microseconds.
@@ -109,7 +108,7 @@ def varying_alike(arrays: Sequence[Any]) -> Sequence[Any]:
     return [lax.pcast(x, m, to="varying") if m else x for x, m in zip(arrays, missing, strict=True)]
 
 
-def common_spec(specs: Iterable[Any]) -> list[Any]:
+def common_spec(specs: Iterable) -> list:
     """For every axis what one of the specs has there."""
     return [next((s for s in entries if s is not None), None) for entries in zip(*specs, strict=True)]
 
@@ -149,25 +148,25 @@ def inlined_calls() -> Iterator[None]:
         _calls.are_inlined = before
 
 
-def not_inlined(function: Callable[..., Any], *arguments: Any) -> Any:
+def not_inlined(function: Callable, *arguments):
     """function(*arguments), as a call that the compiler does not inline, unless `inlined_calls`."""
     if _calls.are_inlined:
         return function(*arguments)
 
-    def jaxspatial_call(*arguments: Any) -> Any:
+    def jaxspatial_call(*arguments):
         return function(*arguments)
 
     with set_xla_metadata(inlineable="false"):
         return cast(Any, jax.jit(jaxspatial_call))(*arguments)
 
 
-def called(eqn: Any) -> ClosedJaxpr:
+def called(eqn) -> ClosedJaxpr:
     """The trace that a call runs."""
     inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
     return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
 
 
-def choice(number: float, shape: tuple[int, ...], dtype: Any) -> Array:
+def choice(number: float, shape: tuple[int, ...], dtype) -> Array:
     """An infinity or NaN over a shape, for a select. Before it is selected, JAX's options `jax_debug_nans` and
     `jax_debug_infs` are not to find it."""
     with jax.debug_nans(False), jax.debug_infs(False):
@@ -178,21 +177,21 @@ def is_zero(tangent: object) -> bool:
     return type(tangent) is ad.Zero
 
 
-def no_tangent(x: Any) -> Any:
+def no_tangent(x):
     return ad.Zero(jax.typeof(x).to_tangent_aval())
 
 
-def rule(function: Callable[..., Sequence[Array]]) -> Callable[..., Any]:
+def rule(function: Callable[..., Sequence[Array]]) -> Callable:
     """The lowering rule of a primitive: `function(*arrays, **parameters)` returns a list of arrays."""
     return functools.partial(unsharded, lower_fun(function, multiple_results=True))
 
 
-def n_devices(context: Any) -> int:
+def n_devices(context) -> int:
     """Over how many devices the compiler may split what is lowered."""
     return getattr(context.module_context.axis_context, "num_devices", 1) or 1
 
 
-def unsharded(lower: Rule, context: Any, *arrays: Any, **parameters: Any) -> Any:
+def unsharded(lower: Rule, context, *arrays, **parameters):
     """What `lower`, a `lower_fun`, lowers its function to, traced without shardings and manual axes in the types: the
     arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on the way would
     have to be sharded by hand.)"""

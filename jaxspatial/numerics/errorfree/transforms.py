@@ -8,7 +8,6 @@ below the smallest normal number is lost where subnormals are flushed.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -107,7 +106,7 @@ def _two_product(a: Array, b: Array) -> list[Array]:
         return [p, product_error(a, b, p)]
 
 
-def _two_product_jvp(primals: Sequence[Array], tangents: Sequence[Any]) -> tuple[list[Array], list[Any]]:
+def _two_product_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[list[Array], list]:
     """The derivatives of a b are those of p: the error has none of its own."""
     p, e = _two_product_p.bind(*primals)
     return [p, e], [product_tangent(p, primals, tangents), no_tangent(e)]

@@ -24,6 +24,7 @@ from jaxspatial.numerics.numbers.rounded import Rounded, is_known, quietly, unif
 from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.types import DTypeLike
 
+_Other = check.StandIn | jax.typing.ArrayLike
 _INTEGERS: tuple[type, ...] = int, np.integer
 
 
@@ -31,7 +32,7 @@ class _Structure(NamedTuple):
     """What is static: for every component the known number, None for data; the dtype's name, where no data has one."""
 
     known: tuple[float | None, ...]
-    dtype: Any
+    dtype: str | None
 
 
 class Components(check.StandIn):
@@ -67,7 +68,7 @@ class Components(check.StandIn):
     """
 
     structure: _Structure
-    data: tuple[Any, ...]
+    data: tuple
 
     def __init__(self, *components: Any, dtype: DTypeLike | None = None):
         """Checks what a caller passes. JAX rebuilds Components without it, with whatever leaves it needs."""
@@ -79,7 +80,7 @@ class Components(check.StandIn):
         batch = check.common_batch_shape(**batches) if batches else ()
         self._fill([_over(c, batch, dtype) for c in parts])
 
-    def _fill(self, components: Sequence[Any]) -> None:
+    def _fill(self, components: Sequence) -> None:
         known = tuple(_plain(c) if is_known(c) else None for c in components)
         self.data = tuple(c for c, number in zip(components, known, strict=True) if number is None)
         self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
@@ -111,7 +112,7 @@ class Components(check.StandIn):
         return cls(*(x[..., i] if number is None else number for i, number in enumerate(known)), dtype=x.dtype)
 
     @classmethod
-    def of(cls, components: Sequence[Any]) -> Self:
+    def of(cls, components: Sequence) -> Self:
         """Of components of one dtype, not checked.
 
         Args:
@@ -156,7 +157,7 @@ class Components(check.StandIn):
     # -- as an array ---------------------------------------------------------------------------------------------------
 
     @property
-    def components(self) -> tuple[Any, ...]:
+    def components(self) -> tuple:
         """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
         dtype, data = self.dtype, iter(self.data)
         return tuple(_as_data(next(data)) if c is None else dtype.type(c) for c in self.structure.known)
@@ -166,7 +167,7 @@ class Components(check.StandIn):
         return (*(self.data[0].shape if self.data else ()), len(self.structure.known))
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         return np.dtype(self.data[0].dtype if self.data else self.structure.dtype)
 
     def to_array(self, batch_shape: tuple[int, ...] = ()) -> Any:
@@ -192,7 +193,7 @@ class Components(check.StandIn):
         parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
         return jax.tree.map(lambda *limbs: stack(limbs, batch), *parts, is_leaf=is_known)
 
-    def __array__(self, dtype: Any = None, copy: bool | None = None) -> np.ndarray:
+    def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> np.ndarray:
         return np.asarray(self.to_array(), dtype)
 
     def _over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
@@ -230,7 +231,7 @@ class Components(check.StandIn):
         """
         return self.of([c.astype(dtype) for c in self.components])
 
-    def reshape(self, *shape: Any) -> Any:
+    def reshape(self, *shape: int | Sequence[int]) -> Any:
         """With another batch shape; with other components as an array.
 
         Args:
@@ -269,7 +270,7 @@ class Components(check.StandIn):
     def __len__(self) -> int:
         return self.shape[0]
 
-    def __iter__(self) -> Iterator[Any]:
+    def __iter__(self) -> Iterator:
         # Without it Python would count up __getitem__ until an IndexError, which JAX never raises.
         return (self[i] for i in range(len(self)))
 
@@ -281,29 +282,29 @@ class Components(check.StandIn):
     def __abs__(self) -> Self:
         return self.of([abs(c) for c in self.components])
 
-    def __add__(self, other: Any) -> Self:
+    def __add__(self, other: _Other) -> Self:
         return self._by_component(operator.add, other)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> Self:
+    def __sub__(self, other: _Other) -> Self:
         return self._by_component(operator.sub, other)
 
-    def __rsub__(self, other: Any) -> Self:
+    def __rsub__(self, other: _Other) -> Self:
         return self._by_component(operator.sub, other, is_reflected=True)
 
-    def __mul__(self, other: Any) -> Self:
+    def __mul__(self, other: _Other) -> Self:
         return self._by_component(operator.mul, other)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> Self:
+    def __truediv__(self, other: _Other) -> Self:
         return self._by_component(check.truediv, other)
 
-    def __rtruediv__(self, other: Any) -> Self:
+    def __rtruediv__(self, other: _Other) -> Self:
         return self._by_component(check.truediv, other, is_reflected=True)
 
-    def _by_component(self, operation: Callable[..., Any], other: Any, is_reflected: bool = False) -> Any:
+    def _by_component(self, operation: Callable, other, is_reflected: bool = False) -> Any:
         other = self._beside(other)
         if other is NotImplemented:
             return NotImplemented
@@ -311,14 +312,14 @@ class Components(check.StandIn):
         batch = check.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
         return _by_component(operation, *check.broadcast_batch(batch, a, b))
 
-    def _beside(self, other: Any) -> Any:
+    def _beside(self, other):
         """What stands beside this one in an operation, with as many components; NotImplemented."""
         n = self.shape[-1]
         if isinstance(other, (int, float)) and not isinstance(other, bool):
             return self.of([_over(float(other), (), self.dtype)] * n)
         if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
             return NotImplemented
-        array: Any = check.as_float_array(other, "Components: other")
+        array = check.as_float_array(other, "Components: other")
         check.require_same_dtype(Components=self, other=array)
         if isinstance(other, np.generic):
             return self.of([array[()]] * n)
@@ -333,13 +334,13 @@ class Components(check.StandIn):
         return f"Components({', '.join(next(data) if c is None else str(c) for c in self.structure.known)})"
 
 
-def _rebuild(structure: _Structure, data: Iterable[Any]) -> Components:
+def _rebuild(structure: _Structure, data: Iterable) -> Components:
     x = object.__new__(Components)
     x.structure, x.data = structure, tuple(data)
     return x
 
 
-def _flattened_with_keys(x: Components) -> tuple[tuple[Any, ...], _Structure]:
+def _flattened_with_keys(x: Components) -> tuple[tuple, _Structure]:
     places = (i for i, c in enumerate(x.structure.known) if c is None)
     return tuple((jax.tree_util.SequenceKey(i), leaf) for i, leaf in zip(places, x.data, strict=True)), x.structure
 
@@ -364,7 +365,7 @@ def is_components(x: object) -> TypeGuard[Components]:
     return isinstance(x, Components)
 
 
-def as_components(x: Any) -> Components:
+def as_components(x) -> Components:
     """Any array (*batch, n) as Components: `of_array` for NumPy arrays, all data for others."""
     return x if is_components(x) else Components.of_array(x)
 
@@ -372,7 +373,7 @@ def as_components(x: Any) -> Components:
 of = Components.of
 
 
-def _checked(c: Any, name: str, dtype: Any) -> Any:
+def _checked(c, name: str, dtype) -> Any:
     """A component as it came: a Python number as a float, a NumPy scalar, an array or a DoubleWord."""
     if is_components(c):
         raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
@@ -416,19 +417,19 @@ def zero(size: int, dtype: DTypeLike) -> Components:
     return of([np.dtype(dtype).type(0)] * size)
 
 
-def is_zero(x: Any) -> bool:
+def is_zero(x) -> bool:
     """True for what is known to be zero throughout: Components without data, or a NumPy array."""
     if isinstance(x, Components):
         return not x.data and not any(x.structure.known)
     return isinstance(x, check.NUMPY) and not x.any()
 
 
-def all_are_zero(arrays: Sequence[Any]) -> bool:
+def all_are_zero(arrays: Sequence) -> bool:
     """Whether all Components among the arrays are zeros."""
     return all(is_zero(a) for a in arrays if isinstance(a, Components))
 
 
-def beside_components(arrays: Sequence[Any]) -> Sequence[Any]:
+def beside_components(arrays: Sequence) -> Sequence:
     """The arguments of a formula of which one is Components: where that is not merely zero, NumPy arrays are made such,
     known where they are 0, 1 or -1."""
     if all_are_zero(arrays):
@@ -436,13 +437,13 @@ def beside_components(arrays: Sequence[Any]) -> Sequence[Any]:
     return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
 
 
-def has_pairs(x: Any) -> bool:
+def has_pairs(x) -> bool:
     """True for a DoubleWord, and for Components of which one is."""
     return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x.data))
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def _by_component(operation: Callable[..., Any], a: Any, b: Any) -> Any:
+def _by_component(operation: Callable, a, b):
     numbers = ([Rounded(Precision.REPRODUCIBLE, c, barrier(c)) for c in x.components] for x in (a, b))
     return a.of([x.value for x in map(operation, *numbers)])
 
@@ -450,7 +451,7 @@ def _by_component(operation: Callable[..., Any], a: Any, b: Any) -> Any:
 # -- single components: known numbers and data, brought to one dtype and one batch -------------------------------------
 
 
-def _common_dtype(parts: Sequence[Any], dtype: Any) -> np.dtype[Any]:
+def _common_dtype(parts: Sequence, dtype) -> np.dtype:
     """That of what has one, or the one named; JAX's default for Python floats alone."""
     typed = {f"component {i}": c for i, c in enumerate(parts) if isinstance(c, check.ARRAYS)}
     if dtype is not None:
@@ -459,14 +460,14 @@ def _common_dtype(parts: Sequence[Any], dtype: Any) -> np.dtype[Any]:
     return next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
 
 
-def _over(c: Any, batch: tuple[int, ...], dtype: Any) -> Any:
+def _over(c, batch: tuple[int, ...], dtype):
     """The component over a batch; a number in its dtype."""
     if isinstance(c, (float, np.generic)):
         return quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
     return jax.tree.map(functools.partial(_broadcast, batch=batch), c)
 
 
-def _broadcast(limb: Any, batch: tuple[int, ...]) -> Any:
+def _broadcast(limb, batch: tuple[int, ...]):
     # A copy of NumPy's: the caller may write to his own.
     limb = jnp.array(limb) if isinstance(limb, np.ndarray) else limb
     return limb if limb.shape == batch else jnp.broadcast_to(limb, batch)
@@ -478,12 +479,12 @@ def _plain(number: float) -> float:
     return math.nan if math.isnan(number) else number + 0.0
 
 
-def _as_data(leaf: Any) -> Any:
+def _as_data(leaf):
     """Data as what a formula computes with: a NumPy array that JAX put there would be known."""
     return jnp.asarray(leaf) if isinstance(leaf, (np.ndarray, np.generic)) else leaf
 
 
-def _shown(leaf: Any) -> str:
+def _shown(leaf) -> str:
     """A number, the shape of more or of something not computed yet."""
     if check.is_computed(leaf) and leaf.ndim == 0:
         return f"Array({np.asarray(leaf)})"
@@ -493,7 +494,7 @@ def _shown(leaf: Any) -> str:
 # -- an index: that of the batch, and that of the components -----------------------------------------------------------
 
 
-def _split_index(index: Any, ndim: int, has_batch: bool) -> tuple[tuple[Any, ...], Any]:
+def _split_index(index, ndim: int, has_batch: bool) -> tuple[tuple, Any]:
     """An index as that of the batch and that of the components, the latter None where they do not stay unstacked.
 
     What is known goes with any batch: without data, of an index [..., i, j] the last is taken.

@@ -20,7 +20,6 @@ import fractions
 import math
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -40,7 +39,7 @@ class Corrected(Compared):
     A correction may be known to be 0 beside a value that is data; what has a known value has a known correction.
     """
 
-    def __init__(self, value: Any, correction: Any = None):
+    def __init__(self, value, correction=None):
         self.value = value
         self.correction = value.dtype.type(0) if correction is None else correction
 
@@ -52,7 +51,7 @@ class Corrected(Compared):
     def limbs(self):
         return self.value, self.correction
 
-    def with_limbs(self, limbs: Iterable[Any]):
+    def with_limbs(self, limbs: Iterable):
         """A number of this kind."""
         return Corrected(*limbs)
 
@@ -61,7 +60,7 @@ class Corrected(Compared):
         value = self.dtype.type(float(number))
         return Corrected(value, _rest(fractions.Fraction(number), value) if math.isfinite(value) else None)
 
-    def _of_limb(self, limb: Any):
+    def _of_limb(self, limb):
         return Corrected(limb)
 
     @property
@@ -95,7 +94,7 @@ class Corrected(Compared):
     def __rsub__(self, other: "Corrected | float"):
         return self._of(other) + -self
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other):
         if isinstance(other, Sequence):
             return NotImplemented
         other = self._of(other)
@@ -120,7 +119,7 @@ class Corrected(Compared):
     def sqrt(self):
         return Corrected(*_square_root(_operand(self, self.value.shape)))
 
-    def _with(self, other: "Corrected", exact: Callable[[Any, Any], Any], of_limbs: Callable[..., Any]):
+    def _with(self, other: "Corrected", exact: Callable, of_limbs: Callable):
         if self.is_known and other.is_known:
             return _known(exact, self, other)
         shape = check.broadcast_shapes(np.shape(self.value), np.shape(other.value))
@@ -134,7 +133,7 @@ class Corrected(Compared):
             return self.value
         return _rounded(self.limbs, lax.full_like(self.value, 0))[0]
 
-    def compared(self, comparison: Callable[[Any, Any], Any], other: "Corrected | float"):
+    def _compared(self, comparison: Callable, other: "Corrected | float"):
         return comparison((self - other)._rounded(), 0)
 
 
@@ -145,17 +144,14 @@ def _rest(exact: fractions.Fraction, value):
     return value.dtype.type(float(exact - fractions.Fraction(float(value))))
 
 
-def _known(operation: Callable[[Any, Any], Any], a: Corrected, b: Corrected):
+def _known(operation: Callable, a: Corrected, b: Corrected):
     """The operation on known numbers: its value rounded, its correction from rational numbers."""
     value = quietly(operation, a.value, b.value)
     limbs = *a.limbs, *b.limbs
     if not np.isfinite([value, *limbs]).all() or (operation is operator.truediv and b.value == 0):
         return Corrected(value)
-    return Corrected(value, _rest(operation(_exact(a), _exact(b)), value))
-
-
-def _exact(x: Corrected):
-    return sum(fractions.Fraction(float(limb)) for limb in x.limbs)
+    exact = (sum(fractions.Fraction(float(limb)) for limb in x.limbs) for x in (a, b))
+    return Corrected(value, _rest(operation(*exact), value))
 
 
 def _is_power_of_two(x: Corrected):
@@ -191,7 +187,7 @@ def _add(x: pairs.Operand, y: pairs.Operand):
     """x + y. Error <= 3 u (|c| + |d| + u |a + b|). 8 flops."""
     (a, c), (b, d) = _limbs(x), _limbs(y)
     s, error = two_sum(a, b)
-    return s, pairs.total(error, pairs.total(c, d))
+    return s, pairs.added(error, pairs.added(c, d))
 
 
 @pairs.as_product
@@ -199,7 +195,7 @@ def _multiply(x: pairs.Operand, y: pairs.Operand):
     """x y. Error <= |c d| + 3 u (|a d| + |b c| + u |a b|). 6 flops, or 17 and 2 splits."""
     (a, c), (b, d) = _limbs(x), _limbs(y)
     p, error = two_product(a, b)
-    return p, pairs.total(error, pairs.linear(lax.mul, d, a), pairs.linear(lax.mul, c, b))
+    return p, pairs.added(error, pairs.linear(lax.mul, d, a), pairs.linear(lax.mul, c, b))
 
 
 @pairs.as_quotient
@@ -209,7 +205,7 @@ def _divide(x: pairs.Operand, y: pairs.Operand):
     q = quotient(a, b)
     p, error = two_product(q, b)
     # A barrier, here and below: of a constant a the compiler would add up the limbs, (c1 - e) + c2 = (c1 + c2) - e.
-    rest = pairs.total(barrier((a - p) - error), c, pairs.linear(lax.mul, d, -q))
+    rest = pairs.added(barrier((a - p) - error), c, pairs.linear(lax.mul, d, -q))
     return q, _finite(quotient(rest, b))
 
 
@@ -219,7 +215,7 @@ def _square_root(x: pairs.Operand):
     a, c = _normalised(*_limbs(x))
     r = root(a)
     p, error = two_product(r, r)
-    return r, _finite(quotient(pairs.total(barrier((a - p) - error), c), r + r))
+    return r, _finite(quotient(pairs.added(barrier((a - p) - error), c), r + r))
 
 
 @pairs.as_sum

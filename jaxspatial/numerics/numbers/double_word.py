@@ -6,6 +6,7 @@ The type, and what makes it of arrays and trees. Its arithmetic, with bounds and
 import dataclasses
 import fractions
 import functools
+import operator
 import typing
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
@@ -19,13 +20,23 @@ from jax import lax
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.numbers import pairs
+from jaxspatial.numerics.numbers.rounded import Compared
 from jaxspatial.numerics.types import DTypeLike
 
-_Operation = Callable[[Any, Any], Any]
+_Other = check.StandIn | jax.typing.ArrayLike
+# Of pairs, by the operators that ask for them.
+_COMPARISONS = {
+    operator.lt: pairs.less,
+    operator.le: pairs.less_equal,
+    operator.gt: lambda x, y: pairs.less(y, x),
+    operator.ge: lambda x, y: pairs.less_equal(y, x),
+    operator.eq: pairs.equal,
+    operator.ne: lambda x, y: ~pairs.equal(x, y),
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class DoubleWord(check.StandIn):
+class DoubleWord(Compared, check.StandIn):
     """A number, or an array of them, as the unevaluated sum hi + lo: about twice the digits of its dtype.
 
         x = js.to_double_word(jnp.float32(1) / 3)
@@ -69,10 +80,10 @@ class DoubleWord(check.StandIn):
     # -- as an array ---------------------------------------------------------------------------------------------------
 
     @property
-    def limbs(self) -> tuple[Any, Any]:
+    def limbs(self) -> tuple:
         return self.hi, self.lo
 
-    def with_limbs(self, limbs: Iterable[Any]) -> "DoubleWord":
+    def with_limbs(self, limbs: Iterable) -> "DoubleWord":
         """A number of this kind, see `Number`."""
         return of_limbs(limbs)
 
@@ -95,7 +106,7 @@ class DoubleWord(check.StandIn):
         return jnp.shape(self.hi)
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """That of one limb."""
         return np.dtype(self.hi.dtype)
 
@@ -119,7 +130,7 @@ class DoubleWord(check.StandIn):
         """
         return of_limbs(pairs.convert(self.limbs, known_dtype(dtype)))
 
-    def reshape(self, *shape: Any) -> "DoubleWord":
+    def reshape(self, *shape: int | tuple[int, ...]) -> "DoubleWord":
         """With another shape.
 
         Args:
@@ -176,33 +187,33 @@ class DoubleWord(check.StandIn):
         """
         return of_limbs(pairs.square_root(self.limbs))
 
-    def __add__(self, other: Any) -> "DoubleWord":
+    def __add__(self, other: _Other) -> "DoubleWord":
         return self._with(other, pairs.add, pairs.add_limb)
 
     __radd__ = __add__
 
-    def __sub__(self, other: Any) -> "DoubleWord":
+    def __sub__(self, other: _Other) -> "DoubleWord":
         return self._with(other, pairs.subtract, pairs.subtract_limb)
 
-    def __rsub__(self, other: Any) -> "DoubleWord":
+    def __rsub__(self, other: _Other) -> "DoubleWord":
         return (-self).__add__(other)
 
-    def __mul__(self, other: Any) -> "DoubleWord":
+    def __mul__(self, other: _Other) -> "DoubleWord":
         return self._with(other, pairs.multiply, pairs.multiply_limb)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: Any) -> "DoubleWord":
+    def __truediv__(self, other: _Other) -> "DoubleWord":
         return self._with(other, pairs.divide, pairs.divide_limb)
 
-    def __rtruediv__(self, other: Any) -> "DoubleWord":
+    def __rtruediv__(self, other: _Other) -> "DoubleWord":
         return self._with(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
 
-    def _with(self, other, on_pairs: _Operation, on_limb: _Operation):
+    def _with(self, other, on_pairs: Callable, on_limb: Callable):
         result = self._beside(other, lambda x, y: (on_pairs if isinstance(y, tuple) else on_limb)(x, y))
         return result if result is NotImplemented else of_limbs(result)
 
-    def _beside(self, other, operation: _Operation):
+    def _beside(self, other, operation: Callable):
         """operation(the pair of limbs of this one, the pair or limb of the other), broadcast to one shape."""
         limbs = _limbs_of(other, self.dtype)
         if limbs is NotImplemented:
@@ -214,26 +225,15 @@ class DoubleWord(check.StandIn):
 
     # -- comparison: arrays of answers; like arrays, what has __eq__ cannot be hashed ----------------------------------
 
-    def __lt__(self, other: Any) -> jax.Array:
-        return self._compared(other, pairs.less)
+    def __eq__(self, other: object) -> Any:
+        return self._compared(operator.eq, other)
 
-    def __le__(self, other: Any) -> jax.Array:
-        return self._compared(other, pairs.less_equal)
+    def __ne__(self, other: object) -> Any:
+        return self._compared(operator.ne, other)
 
-    def __gt__(self, other: Any) -> jax.Array:
-        return self._compared(other, lambda x, y: pairs.less(y, x))
-
-    def __ge__(self, other: Any) -> jax.Array:
-        return self._compared(other, lambda x, y: pairs.less_equal(y, x))
-
-    def __eq__(self, other: Any) -> Any:
-        return self._compared(other, pairs.equal)
-
-    def __ne__(self, other: Any) -> Any:
-        return self._compared(other, lambda x, y: ~pairs.equal(x, y))
-
-    def _compared(self, other, comparison: _Operation):
-        return self._beside(other, lambda x, y: comparison(x, y if isinstance(y, tuple) else with_zero(y)))
+    def _compared(self, comparison: Callable, other):
+        of_pairs = _COMPARISONS[comparison]
+        return self._beside(other, lambda x, y: of_pairs(x, y if isinstance(y, tuple) else with_zero(y)))
 
     def __repr__(self) -> str:
         return f"DoubleWord(hi={_shown(self.hi)}, lo={_shown(self.lo)})"
@@ -253,7 +253,7 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def of_limbs(limbs: Iterable[Any]) -> DoubleWord:
+def of_limbs(limbs: Iterable) -> DoubleWord:
     """The double word of hi and lo, unchecked."""
     x = object.__new__(DoubleWord)
     for name, limb in zip(("hi", "lo"), limbs, strict=True):
@@ -361,7 +361,7 @@ def from_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
     return jax.tree.map(functools.partial(_as_array, dtype=dtype), x, is_leaf=_is_double_word)
 
 
-def _as_array(leaf, dtype: np.dtype[Any] | None):
+def _as_array(leaf, dtype: np.dtype | None):
     if not _is_double_word(leaf):
         return leaf
     dtype = leaf.dtype if dtype is None else dtype
@@ -378,11 +378,11 @@ def _is_double_word(x: object) -> typing.TypeGuard[DoubleWord]:
 # -- numbers from outside of JAX ---------------------------------------------------------------------------------------
 
 
-def of_numbers(x: Any, dtype: DTypeLike, rest: Any = 0.0) -> tuple[Any, Any]:
+def of_numbers(x, dtype: DTypeLike, rest=0.0) -> tuple[Any, Any]:
     """The pair nearest to x + rest as NumPy arrays, of numbers of at most 64 bits, of which JAX may know only 32."""
     x = np.asarray(x, np.float64)
     with np.errstate(all="ignore"):
-        high: np.ndarray[Any, Any] = x.astype(dtype)
+        high: np.ndarray = x.astype(dtype)
         rest = (x - high.astype(np.float64)) + rest
         low = np.where(np.isfinite(rest), rest, 0).astype(dtype)
         # Once more: NumPy rounds twice on the way from float64 to bfloat16. A zero keeps its sign.
@@ -398,12 +398,12 @@ def of_number(x: float, dtype: DTypeLike) -> tuple[Any, Any]:
     return of_numbers(rounded, dtype, rest)
 
 
-def is_floating(x: Any) -> bool:
+def is_floating(x) -> bool:
     """Whether x is a Python float or an array of floating point."""
     return isinstance(x, float) or (isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating))
 
 
-def known_dtype(dtype: DTypeLike) -> np.dtype[Any]:
+def known_dtype(dtype: DTypeLike) -> np.dtype:
     """A dtype as NumPy's, of floating point, and one that JAX knows as things are set."""
     dtype = np.dtype(dtype)
     if not jnp.issubdtype(dtype, jnp.floating):

@@ -27,14 +27,14 @@ class Number(Protocol):
     """
 
     @property
-    def dtype(self) -> np.dtype[Any]: ...
+    def dtype(self) -> np.dtype: ...
 
     @property
-    def limbs(self) -> tuple[Any, ...]:
+    def limbs(self) -> tuple:
         """What it is the sum of: arrays, or numbers known while tracing."""
         ...
 
-    def with_limbs(self, limbs: Iterable[Any], /) -> Self:
+    def with_limbs(self, limbs: Iterable, /) -> Self:
         """A number of this kind."""
         ...
 
@@ -42,11 +42,11 @@ class Number(Protocol):
         """The number of this kind nearest to a Fraction or Python number."""
         ...
 
-    def _of_limb(self, limb: Any, /) -> Self:
+    def _of_limb(self, limb, /) -> Self:
         """A number of this kind that is one limb."""
         ...
 
-    def _rounded(self) -> Any:
+    def _rounded(self) -> jax.Array:
         """The number as one limb, up to rounding."""
         ...
 
@@ -88,7 +88,7 @@ T = TypeVar("T")
 _KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
 
 
-def constant(like: Any, number: Any) -> Any:
+def constant(like: Number, number) -> Number:
     """The number nearest to a Fraction or Python number, of the kind of another."""
     return like._constant(number)
 
@@ -99,7 +99,7 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
     first, second = a if is_number(a) else constant(like, a), b if is_number(b) else constant(like, b)
     if isinstance(condition, (bool, np.bool_)):
         return first if condition else second
-    limbs: list[Any] = []
+    limbs: list = []
     for x, y in zip(first.limbs, second.limbs, strict=True):
         shape = check.broadcast_shapes(condition.shape, np.shape(x), np.shape(y))
         are_zero = is_known(x, 0) and is_known(y, 0)
@@ -107,7 +107,7 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
     return like.with_limbs(limbs)
 
 
-def _over(x: Any, shape: tuple[int, ...]) -> Array:
+def _over(x, shape: tuple[int, ...]) -> Array:
     if is_known(x) and not np.isfinite(x):
         return choice(x, shape, x.dtype)
     if isinstance(x, Array) and x.shape == shape:
@@ -138,10 +138,10 @@ def frozen(x: Number) -> Number:
     return x.with_limbs(limb if is_known(limb) else lax.stop_gradient(limb) for limb in x.limbs)
 
 
-def times_power_of_two(x: Number, e: Any) -> Number:
+def times_power_of_two(x: Number, e) -> Number:
     """x 2^e for integers e (*batch,), exactly but for underflow."""
 
-    def times(limb: Any) -> Any:
+    def times(limb):
         if is_known(limb) and isinstance(e, np.integer):
             return quietly(np.ldexp, limb, e)
         return limb if is_known(limb, 0) else scaling.times_power_of_two(jnp.asarray(limb), e)
@@ -168,7 +168,7 @@ def noinline_pairs(function: Callable[..., T]) -> Callable[..., T]:
     call = noinline(function)
 
     @functools.wraps(function)
-    def chosen(*numbers: Any) -> Any:
+    def chosen(*numbers):
         kinds = set(map(type, jax.tree.leaves(numbers, is_leaf=is_number)))
         if Corrected in kinds:
             return call(*numbers)
@@ -185,13 +185,13 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
     """
 
     @functools.wraps(function)
-    def wrapped(*arguments: Any) -> Any:
+    def wrapped(*arguments):
         data = data_of(arguments)
         if not data:
             return function(*arguments)
         given, found = without_data(arguments), list[Any]()
 
-        def on_data(data: list[Any]) -> list[Any]:
+        def on_data(data: list) -> list:
             result = function(*with_data(given, data))
             found[:] = [without_data(result)]
             return data_of(result)
@@ -212,7 +212,7 @@ def is_constant(x: object) -> TypeGuard[Rounded | Corrected]:
     return isinstance(x, _KINDS) and isinstance(x.limbs[0], np.generic)
 
 
-def data_of(tree: Any) -> list[jax.Array]:
+def data_of(tree) -> list[jax.Array]:
     """The arrays of a tree of numbers: what of it is not known while tracing."""
     return [x for x in jax.tree.leaves(tree) if isinstance(x, jax.Array)]
 
@@ -225,7 +225,7 @@ def without_data(tree: T) -> T:
     return jax.tree.map(lambda x: _DATA if isinstance(x, jax.Array) else x, tree)
 
 
-def with_data(tree: T, data: Iterable[Any]) -> T:
+def with_data(tree: T, data: Iterable) -> T:
     """The tree, with other data in place of that which `data_of` finds, or of its marks."""
     leaves, structure = jax.tree.flatten(tree)
     rest = iter(data)
@@ -257,7 +257,7 @@ def repeated(function: Callable[[Numbers], Numbers], times: int, numbers: Number
         return functools.reduce(lambda x, _: function(x), range(times), numbers)
     numbers = tuple(as_data(x) for x in numbers)
 
-    def step(data: list[Any], _: None):
+    def step(data: list, _: None):
         result = function(with_data(numbers, data))
         return data_of([as_data(x, shape_of(like)) for x, like in zip(result, numbers, strict=True)]), None
 

@@ -47,7 +47,7 @@ Tangent = jax.Array | None  # None where it is known to be zero
 TangentRule = Callable[..., Tangent]  # of (result, operands, tangents)
 
 
-def differentiable(tangent: TangentRule) -> Any:
+def differentiable(tangent: TangentRule):
     """Decorator of an operation on pairs and limbs, with `tangent(result, operands, tangents)` as its derivative.
 
     All three are values hi + lo in one limb: hi up to rounding, but with the derivatives of the sum. A tangent known
@@ -55,14 +55,15 @@ def differentiable(tangent: TangentRule) -> Any:
     operation is one compiled program.
     """
 
-    def decorate(operation: Callable[..., Any]):
+    def decorate(operation: Callable):
         differentiable = jax.custom_jvp(operation)
         call = functools.wraps(operation)(cast(Any, jax.jit(differentiable, inline=True)))
 
-        def jvp(operands: Sequence[Any], tangents: Sequence[Any]):
+        def jvp(operands: Sequence, tangents: Sequence):
             hi, lo = call(*operands)
             values = [x[0] + x[1] if isinstance(x, TUPLE) else x for x in operands]
-            d_hi = tangent(hi + lo, values, [_tangent_of_value(t) for t in tangents])
+            of_limbs = ([None if isinstance(t, SymbolicZero) else t for t in jax.tree.leaves(x)] for x in tangents)
+            d_hi = tangent(hi + lo, values, [added(*x) for x in of_limbs])
             return (hi, lo), (jnp.zeros_like(hi) if d_hi is None else d_hi, zero_from_primal(lo, symbolic_zeros=True))
 
         differentiable.defjvp(jvp, symbolic_zeros=True)
@@ -71,41 +72,37 @@ def differentiable(tangent: TangentRule) -> Any:
     return decorate
 
 
-def _tangent_of_value(tangents):
-    return total(*(None if isinstance(t, SymbolicZero) else t for t in jax.tree.leaves(tangents)))
-
-
-def total(*terms: Tangent):
+def added(*terms: Tangent):
     """The sum of the terms that are there, None if none is."""
     there = [t for t in terms if t is not None]
     return functools.reduce(lax.add, there) if there else None
 
 
-def linear(operation: Callable[..., Any], t: Tangent, *others: Any) -> Tangent:
+def linear(operation: Callable, t: Tangent, *others) -> Tangent:
     """operation(t, *others) of a tangent that may be None."""
     return None if t is None else operation(t, *others)
 
 
 @differentiable
-def as_sum(_: jax.Array, operands: Sequence[jax.Array], tangents: Sequence[Any]):
-    return total(*tangents)
+def as_sum(_: jax.Array, operands: Sequence[jax.Array], tangents: Sequence):
+    return added(*tangents)
 
 
 @differentiable
-def as_product(_: jax.Array, operands: Sequence[Any], tangents: Sequence[Any]):
+def as_product(_: jax.Array, operands: Sequence, tangents: Sequence):
     (a, b), (da, db) = operands, tangents
-    return total(linear(product, da, b), linear(product, db, a))
+    return added(linear(product, da, b), linear(product, db, a))
 
 
 @differentiable
-def as_quotient(result: jax.Array, operands: Sequence[Any], tangents: Sequence[Any]):
+def as_quotient(result: jax.Array, operands: Sequence, tangents: Sequence):
     """d(a / b) = (da - (a / b) db) / b."""
     (_, b), (da, db) = operands, tangents
-    return linear(quotient, total(da, linear(lax.neg, linear(product, db, result))), b)
+    return linear(quotient, added(da, linear(lax.neg, linear(product, db, result))), b)
 
 
 @differentiable
-def as_root(result: jax.Array, _: Sequence[jax.Array], tangents: Sequence[Any]):
+def as_root(result: jax.Array, _: Sequence[jax.Array], tangents: Sequence):
     """d sqrt(a) = da / (2 sqrt(a)): infinite at 0."""
     return linear(quotient, tangents[0], result + result)
 
@@ -254,7 +251,7 @@ def convert(x: Pair, dtype: DTypeLike):
 
 
 @functools.cache
-def _conversion(dtype: np.dtype[Any]):
+def _conversion(dtype: np.dtype):
     def tangent(result: Array, operands: Sequence[Array], tangents: Sequence[Tangent]):
         return linear(lax.convert_element_type, tangents[0], dtype)
 
@@ -270,12 +267,12 @@ def _conversion(dtype: np.dtype[Any]):
     return differentiable(tangent)(converted)
 
 
-def narrowest(a: np.dtype[Any], b: np.dtype[Any]) -> np.dtype[Any]:
+def narrowest(a: np.dtype, b: np.dtype) -> np.dtype:
     """The narrowest dtype that holds both."""
     return a if holds(a, b) else b if holds(b, a) else np.dtype(np.float32)
 
 
-def holds(a: np.dtype[Any], b: np.dtype[Any]) -> bool:
+def holds(a: np.dtype, b: np.dtype) -> bool:
     """Whether dtype a holds all numbers of dtype b."""
     wide, narrow = finfo(a), finfo(b)
     return bool(wide.nmant >= narrow.nmant and wide.maxexp >= narrow.maxexp)

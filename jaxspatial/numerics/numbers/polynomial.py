@@ -8,7 +8,7 @@ the sums are evaluated is decided afterwards, for all precisions that look at a 
 import dataclasses
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.rounded import uniform
@@ -44,7 +44,7 @@ class Polynomial:
     def __sub__(self, other: "Polynomial") -> "Polynomial":
         return self + -other
 
-    def __mul__(self, other: Any) -> Any:
+    def __mul__(self, other):
         if not isinstance(other, Polynomial):
             return NotImplemented
         for one, many in ((self, other), (other, self)):
@@ -65,7 +65,7 @@ class Polynomial:
         )
         return tuple(repeated), 1 / share
 
-    def __truediv__(self, other: "Polynomial") -> Any:
+    def __truediv__(self, other: "Polynomial"):
         return self * other if other.unit else Quotient(self, other)
 
 
@@ -76,7 +76,7 @@ class Quotient(NamedTuple):
     divisor: Polynomial
 
 
-def symbols(arrays: Sequence[Any], parts: Sequence[int]) -> tuple[Polynomial, ...]:
+def symbols(arrays: Sequence, parts: Sequence[int]) -> tuple[Polynomial, ...]:
     """A vector of polynomials for the array that is the sum of arrays[j] for j in parts: one, or the two of a double
     word."""
     known = arrays[parts[0]] if len(parts) == 1 else None

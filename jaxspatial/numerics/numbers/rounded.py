@@ -17,7 +17,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.barrier import difference, product, quotient, root, total
+from jaxspatial.numerics.errorfree.barrier import difference, fixed_sum, product, quotient, root
 from jaxspatial.numerics.precision import Precision
 
 # What operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time. In "fast" the
@@ -25,7 +25,7 @@ from jaxspatial.numerics.precision import Precision
 # sums there, as holding on to every sum makes programs a quarter longer.
 _OF_ARRAYS = {
     Precision.FAST: {operator.add: lax.add, operator.sub: lax.sub, operator.mul: lax.mul},
-    Precision.REPRODUCIBLE: {operator.add: total, operator.sub: difference, operator.mul: product},
+    Precision.REPRODUCIBLE: {operator.add: fixed_sum, operator.sub: difference, operator.mul: product},
 }
 _COMPARISONS = {operator.lt: lax.lt, operator.le: lax.le, operator.gt: lax.gt, operator.ge: lax.ge}
 # Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
@@ -36,12 +36,12 @@ _NO_ARRAYS: Any = (np.generic, check.StandIn)
 _UNITS = 0, 1, -1
 
 
-def is_known(a: Any, *values: float) -> bool:
+def is_known(a, *values: float) -> bool:
     """True for a number known while tracing, and, if there are values, only where it is one of them."""
     return isinstance(a, np.generic) and (not values or a in values)
 
 
-def uniform(column: np.ndarray) -> Any:
+def uniform(column: np.ndarray):
     """The number that a NumPy array is throughout, or None."""
     first = column.flat[0] if column.size else None
     return first if first is not None and (column == first).all() else None
@@ -59,19 +59,19 @@ def in_double():
 # for `np.generic`, which is what `is_known` does, themselves.
 
 
-def add(a: Any, b: Any, precision: Precision) -> Any:
+def add(a, b, precision: Precision):
     if isinstance(a, np.generic) and a == 0:
         return b
     return a if isinstance(b, np.generic) and b == 0 else rounded_sum(operator.add, a, b, precision)
 
 
-def subtract(a: Any, b: Any, precision: Precision) -> Any:
+def subtract(a, b, precision: Precision):
     if is_known(b, 0):
         return a
     return _negative(b) if is_known(a, 0) else rounded_sum(operator.sub, a, b, precision)
 
 
-def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
+def rounded_sum(operation: Callable, a, b, precision: Precision):
     """fl(a + b) or fl(a - b), also next to another sum with constants."""
     precision = precision.of_one_limb
     if isinstance(a, Array) and isinstance(b, Array):
@@ -79,7 +79,7 @@ def rounded_sum(operation: Callable[..., Any], a: Any, b: Any, precision: Precis
     return _with_known(operation, a, b, precision)
 
 
-def multiply(a: Any, b: Any, precision: Precision) -> Any:
+def multiply(a, b, precision: Precision):
     if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
         if isinstance(a, _KNOWN) and a in _UNITS:
             return a * a if a == 0 else b if a == 1 else _negative(b)
@@ -89,11 +89,11 @@ def multiply(a: Any, b: Any, precision: Precision) -> Any:
     return _OF_ARRAYS[precision][operator.mul](*((a, b) if a.shape == b.shape else broadcast(a, b)))
 
 
-def _negative(a: Any) -> Any:
+def _negative(a):
     return lax.neg(a) if isinstance(a, Array) else -a
 
 
-def divide(a: Any, b: Any, _: Precision) -> Any:
+def divide(a, b, _: Precision):
     """a / b; rounded on its own in every precision."""
     if is_known(b, 1) or is_known(a, 0):
         return a
@@ -103,29 +103,29 @@ def divide(a: Any, b: Any, _: Precision) -> Any:
     return quotient(a, b)
 
 
-def _with_known(operation: Callable[..., Any], a: Any, b: Any, precision: Precision) -> Any:
+def _with_known(operation: Callable, a, b, precision: Precision):
     """The operation where a number is known while tracing, or something stands for an array."""
     if _is_known_beside_array(a, b):
         return _OF_ARRAYS[precision][operation](*_of_one_dtype(a, b))
     return quietly(operation, *broadcast(a, b))
 
 
-def _is_known_beside_array(a: Any, b: Any) -> bool:
+def _is_known_beside_array(a, b) -> bool:
     return isinstance(b, Array) if isinstance(a, np.generic) else isinstance(b, np.generic) and isinstance(a, Array)
 
 
-def _of_one_dtype(a: Any, b: Any) -> tuple[Any, Any]:
+def _of_one_dtype(a, b) -> tuple[Any, Any]:
     """An array, and a known number as it is: repeated for all of the array, it would be one more operation to trace."""
     return (b.dtype.type(a), b) if isinstance(a, np.generic) else (a, a.dtype.type(b))
 
 
-def quietly(operation: Callable[[Any, Any], Any], a: Any, b: Any) -> Any:
+def quietly(operation: Callable, a, b):
     """The operation; on numbers known while tracing NumPy does it now, as silent about overflow and NaN as JAX is."""
     with np.errstate(all="ignore"):
         return operation(a, b)
 
 
-def broadcast(a: Any, b: Any) -> tuple[Any, Any]:
+def broadcast(a, b) -> tuple[Any, Any]:
     """a and b over one shape; a known number beside an array made an array. A double word broadcasts itself."""
     is_known_a, is_known_b = isinstance(a, np.generic), isinstance(b, np.generic)
     if (is_known_a and is_known_b) or isinstance(a, check.StandIn) or isinstance(b, check.StandIn):
@@ -138,7 +138,7 @@ def broadcast(a: Any, b: Any) -> tuple[Any, Any]:
     return jnp.broadcast_to(a, shape), jnp.broadcast_to(b, shape)
 
 
-def _filled(like: Array, number: Any) -> Array:
+def _filled(like: Array, number) -> Array:
     """An array like another of one number. `jnp.full_like` asks so much that it took a third of tracing."""
     kind = jax.typeof(like)
     if not (like.shape and kind.sharding.mesh.empty) or kind.mat.varying:
@@ -152,27 +152,27 @@ def _filled(like: Array, number: Any) -> Array:
 class Compared:
     """Base of kinds of which all comparisons are made in one way."""
 
-    def compared(self, comparison: Callable[[Any, Any], Any], other: Any) -> Any:
+    def _compared(self, comparison: Callable, other):
         """What the comparison, one of arrays, answers for this and the other."""
         raise NotImplementedError
 
-    def __lt__(self, other: Any) -> jax.Array:
-        return self.compared(operator.lt, other)
+    def __lt__(self, other) -> jax.Array:
+        return self._compared(operator.lt, other)
 
-    def __le__(self, other: Any) -> jax.Array:
-        return self.compared(operator.le, other)
+    def __le__(self, other) -> jax.Array:
+        return self._compared(operator.le, other)
 
-    def __gt__(self, other: Any) -> jax.Array:
-        return self.compared(operator.gt, other)
+    def __gt__(self, other) -> jax.Array:
+        return self._compared(operator.gt, other)
 
-    def __ge__(self, other: Any) -> jax.Array:
-        return self.compared(operator.ge, other)
+    def __ge__(self, other) -> jax.Array:
+        return self._compared(operator.ge, other)
 
 
-def _operator(operation: Callable[[Any, Any, Precision], Any]) -> Callable[["Rounded", Any], Any]:
+def _operator(operation: Callable) -> Callable:
     """The operator of Rounded for an operation on operands. An operand that comes back as it went in is its number."""
 
-    def with_other(self: "Rounded", other: Any) -> Any:
+    def with_other(self: "Rounded", other):
         if not isinstance(other, Rounded):
             if isinstance(other, Sequence):
                 return NotImplemented  # A vector, which knows its multiples itself.
@@ -200,24 +200,24 @@ class Rounded(Compared):
         self.operand = value if operand is None else operand
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         return np.dtype(self.value.dtype)
 
     @property
-    def limbs(self) -> tuple[Any, ...]:
+    def limbs(self) -> tuple:
         return (self.operand,)
 
-    def with_limbs(self, limbs: Iterable[Any]) -> "Rounded":
+    def with_limbs(self, limbs: Iterable) -> "Rounded":
         """A number of this kind."""
         return Rounded(self.precision, *limbs)
 
     def _constant(self, number: float | Fraction) -> "Rounded":
         return Rounded(self.precision, self.dtype.type(float(number)))
 
-    def _of_limb(self, limb: Any) -> "Rounded":
+    def _of_limb(self, limb) -> "Rounded":
         return Rounded(self.precision, limb)
 
-    def _rounded(self) -> Any:
+    def _rounded(self) -> jax.Array:
         return self.value
 
     __add__ = __radd__ = _operator(add)
@@ -225,10 +225,10 @@ class Rounded(Compared):
     __mul__ = __rmul__ = _operator(multiply)
     __truediv__ = _operator(divide)
 
-    def __rsub__(self, other: Any) -> "Rounded":
+    def __rsub__(self, other) -> "Rounded":
         return self._constant(other) - self
 
-    def __rtruediv__(self, other: Any) -> "Rounded":
+    def __rtruediv__(self, other) -> "Rounded":
         return self._constant(other) / self
 
     def __neg__(self) -> "Rounded":
@@ -237,7 +237,7 @@ class Rounded(Compared):
     def __abs__(self) -> "Rounded":
         return Rounded(self.precision, lax.abs(self.value) if isinstance(self.value, Array) else abs(self.value))
 
-    def compared(self, comparison: Callable[[Any, Any], Any], other: "Rounded | float") -> Any:
+    def _compared(self, comparison: Callable, other: "Rounded | float"):
         other = other if isinstance(other, Rounded) else self._constant(other)
         a, b = self.operand, other.operand
         if _is_known_beside_array(a, b):

@@ -157,7 +157,7 @@ def _evaluated(plan: Plan, accumulator, arrays: Sequence[Array]) -> list[Array]:
 class _Evaluation:
     """What a plan of sums of products of arrays comes to, by one accumulator."""
 
-    def __init__(self, plan: Plan, accumulator: Any, arrays: Sequence[Array]):
+    def __init__(self, plan: Plan, accumulator, arrays: Sequence[Array]):
         self.plan, self.accumulator, self.arrays = plan, accumulator, arrays
         self._lanes: dict[tuple[int, int], Array] = {}
         # What comes from outside is made opaque to the compiler, in its own format: a conversion may be left out.

@@ -55,7 +55,7 @@ def _total(terms: Terms) -> State:
         _scaled_parts(p, sign, factors, lax.full_like(p[0], _SCALE))
         for p, (sign, factors) in zip(products, terms, strict=True)
     ]
-    alone = [_where(m, s) for m, s, c in zip(large, scaled, can, strict=True) if c]
+    alone = [_masked(m, s) for m, s, c in zip(large, scaled, can, strict=True) if c]
     is_scaled = _sum(_expansion(alone, is_long)) != 0 if alone else lax.full(plain.shape, False)
     chosen = [_chosen(is_scaled, m, p, s) for m, p, s in zip(large, products, scaled, strict=True)]
     unit = lax.select(is_scaled, lax.full_like(plain, _SCALE), lax.full_like(plain, 1))
@@ -138,7 +138,7 @@ def _grouped(terms: Terms) -> Terms:
     return [(1, [jnp.stack(x) for x in zip(*group, strict=True)]) for group in groups.values()]
 
 
-def _where(mask: Array, numbers: Sequence[Array]) -> list[Array]:
+def _masked(mask: Array, numbers: Sequence[Array]) -> list[Array]:
     return [lax.select(mask, x, lax.full_like(x, 0)) for x in numbers]
 
 
@@ -199,12 +199,12 @@ def _in_one_unit(state: State, axes: Sequence[int]) -> tuple[list[Array], Array 
     *others, largest = state.expansion
     lost = jnp.isnan(functools.reduce(operator.add, state.expansion))
     if state.unit is None:
-        return [*_where(~lost, others), lax.select(lost, state.plain, largest)], None
+        return [*_masked(~lost, others), lax.select(lost, state.plain, largest)], None
     any_scaled = jnp.any(_is_large(largest) | (state.unit != 1), axes, keepdims=True)
     unit = lax.select(any_scaled, *(lax.full(any_scaled.shape, x, state.unit.dtype) for x in (_SCALE, 1.0)))
     change = lax.select(state.unit == unit, lax.full_like(state.unit, 1), jnp.broadcast_to(unit, state.unit.shape))
     scaled = [(x * change) * change for x in (*others, largest)]
-    return [*_where(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
+    return [*_masked(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
 
 
 def _round(state: State, dtype: DTypeLike) -> Array:

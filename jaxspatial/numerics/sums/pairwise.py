@@ -6,7 +6,7 @@ Accuracy and Stability of Numerical Algorithms, 4.2: pairwise summation]
 
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -46,9 +46,7 @@ def of_neighbours(add: Callable[[T, T], T], items: Sequence[T]) -> T:
     return result
 
 
-def by_halving(
-    merge: Callable[[Any, Any], Any], limbs: Sequence[jax.Array], axis: int, neutral: float = 0.0
-) -> tuple[Any, ...]:
+def by_halving(merge: Callable, limbs: Sequence[jax.Array], axis: int, neutral: float = 0.0) -> tuple:
     """The sum over an axis, which is kept with size 1, of numbers of so many limbs that `merge` adds two of.
 
     Each of the first half is added to one of the second, of as many as a power of two.
@@ -57,16 +55,14 @@ def by_halving(
     if not is_sized(limbs[0].shape[axis : axis + 1]):
         return _by_halving_of_any_size(merge, limbs, axis, neutral)
 
-    def halves(limbs: Sequence[Array]) -> list[Any]:
+    def halves(limbs: Sequence[Array]) -> list:
         n = limbs[0].shape[axis]
         return [*zip(*(lax.split(x, (n // 2, n // 2), axis) for x in limbs), strict=True)] if n > 1 else []
 
     return tuple(pairwise(merge, [_padded(x, axis, neutral) for x in limbs], halves))
 
 
-def _by_halving_of_any_size(
-    merge: Callable[[Any, Any], Any], limbs: Sequence[Array], axis: int, neutral: float
-) -> tuple[Any, ...]:
+def _by_halving_of_any_size(merge: Callable, limbs: Sequence[Array], axis: int, neutral: float) -> tuple:
     """`by_halving` where the size is a symbol of `jax.export`: the same additions, and some of the neutral element.
 
     In every round all items are added to those a step further on, of which only the first half counts.

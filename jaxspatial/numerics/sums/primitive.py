@@ -28,7 +28,7 @@ from jaxspatial.numerics.numbers.polynomial import Term
 from jaxspatial.numerics.sums.evaluation import Plan, Sum, evaluate
 
 
-def bind_nonzero(plan: Plan, sums: Sequence[Sum], arrays: Sequence[Array]) -> list[Any]:
+def bind_nonzero(plan: Plan, sums: Sequence[Sum], arrays: Sequence[Array]) -> list:
     """For each Sum its result, a list of one array or of the two of a pair; None for a Sum without terms.
 
     Arrays have the components on the plan's axis, and on each axis of the batch its size or 1.
@@ -54,10 +54,10 @@ def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
     return sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
 
 
-def _abstract(*arrays, plan: Plan) -> list[Any]:
+def _abstract(*arrays, plan: Plan) -> list:
     like = arrays[0]
     common = common_spec([a.sharding.spec for a in arrays])
-    results: list[Any] = []
+    results: list = []
     for shape in map(plan.shape, plan.sums):
         spec = [None if n == 1 or i == plan.axis else common[i] for i, n in enumerate(shape)]
         sharding = like.sharding.update(spec=jax.sharding.PartitionSpec(*spec))
@@ -68,7 +68,7 @@ def _abstract(*arrays, plan: Plan) -> list[Any]:
 # -- derivatives -------------------------------------------------------------------------------------------------------
 
 
-def _jvp(primals: Sequence[Array], tangents: Sequence[Any], *, plan: Plan) -> tuple[list[Array], list[Any]]:
+def _jvp(primals: Sequence[Array], tangents: Sequence, *, plan: Plan) -> tuple[list[Array], list]:
     results = sums_p.bind(*primals, plan=plan)
     n = len(primals)
     moving = {j: n + j for j, t in enumerate(tangents) if not is_zero(t)}
@@ -89,7 +89,7 @@ def _differential(terms: Sequence[Term], moving: dict[int, int]) -> tuple[Term, 
     )
 
 
-def _transpose(cotangents: Sequence[Any], *arrays, plan: Plan) -> list[Any]:
+def _transpose(cotangents: Sequence, *arrays, plan: Plan) -> list:
     """The low limb of a pair is a rounding error: its cotangent counts for nothing."""
     cotangents = [_shared(plan, s, c) for s, c in zip(plan.sums, cotangents[:: 1 + plan.is_pair], strict=True)]
     n = len(arrays)
@@ -147,7 +147,7 @@ def _batch(arrays: Sequence[Array], axes: Sequence[int | None], *, plan: Plan) -
     return results, [at] * len(results)
 
 
-def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
+def trace_of_sums(eqn) -> ClosedJaxpr | None:
     """What an operation of a trace computes, if it is one of sums of products; else None."""
     if eqn.primitive is not sums_p:
         return None
@@ -155,7 +155,7 @@ def trace_of_sums(eqn: Any) -> ClosedJaxpr | None:
 
 
 @functools.lru_cache(maxsize=256)
-def _traced(arrays: tuple[Any, ...], plan: Plan) -> ClosedJaxpr:
+def _traced(arrays: tuple, plan: Plan) -> ClosedJaxpr:
     """One trace for all sums of one plan: a program has hundreds of a few plans."""
     with jax.enable_x64(True), inlined_calls():
         return jax.make_jaxpr(functools.partial(evaluate, plan=plan))(*(jax.ShapeDtypeStruct(*a) for a in arrays))
@@ -166,14 +166,10 @@ def _compiled(plan: Plan) -> Callable[..., list[Array]]:
     return compiled(sums_p, plan=plan)
 
 
-def _call(*arrays: Array, plan: Plan) -> list[Array]:
-    return _compiled(plan)(*arrays)
-
-
 sums_p: Any = Primitive("jaxspatial_sums")
 sums_p.multiple_results = True
 sums_p.def_abstract_eval(_abstract)
-sums_p.def_impl(_call)
+sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
 # Without calls, but on CPUs: see `inlined_calls`.
 mlir.register_lowering(sums_p, rule(inlined_calls()(evaluate)))
 lower_for_cpus = rule(evaluate)

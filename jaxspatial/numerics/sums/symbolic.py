@@ -23,7 +23,7 @@ from jaxspatial.numerics.sums.evaluation import Plan, Sum
 from jaxspatial.numerics.sums.primitive import bind_nonzero
 
 
-def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: Sequence[Any]) -> Any:
+def run_symbolically(formula: Callable, precision: Precision, arrays: Sequence):
     """The results of formula(vectors) over polynomials, in a precision that looks at whole sums.
 
     An array that is passed on as it came is a sum of one term, so that all its cotangents are added in one sum. Numbers
@@ -36,8 +36,8 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
     batch = check.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
     passed = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, check.NUMPY)}
-    results: Any = formula(vectors)
-    several: list[Any] = results if isinstance(results, check.LIST) else [results]
+    results = formula(vectors)
+    several: list = results if isinstance(results, check.LIST) else [results]
     evaluated = _evaluated_unstacked if are_components else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in passed]))
     values = [check.broadcast_batch(batch, passed[id(x)])[0] if id(x) in passed else next(computed) for x in several]
@@ -47,18 +47,18 @@ def run_symbolically(formula: Callable[..., Any], precision: Precision, arrays: 
 class _Data:
     """The arrays that the symbols of a formula stand for, and the numbers of those that are constants."""
 
-    def __init__(self, dtype: np.dtype[Any]):
+    def __init__(self, dtype: np.dtype):
         self.dtype = dtype
         self.arrays: list[Any] = []
         self.constants: dict[int, Any] = {}
 
-    def vector(self, a: Any) -> Any:
+    def vector(self, a):
         """A tuple of polynomials."""
         if isinstance(a, Components):
             return tuple(map(self._component, a.components))
         return symbols(self.arrays, self._placed(jax.tree.leaves(a)))
 
-    def _component(self, c: Any) -> Polynomial:
+    def _component(self, c) -> Polynomial:
         """Each on its own is an array with one component; a known 0 is none."""
         if is_known(c, 0):
             return Polynomial()
@@ -67,7 +67,7 @@ class _Data:
             self.constants[places[0]] = c
         return Polynomial(tuple(Term(1, ((j, 0),)) for j in places), int(c) if is_known(c, 1, -1) else None)
 
-    def _placed(self, limbs: Sequence[Any]) -> range:
+    def _placed(self, limbs: Sequence) -> range:
         self.arrays += limbs
         return range(len(self.arrays) - len(limbs), len(self.arrays))
 
@@ -79,7 +79,7 @@ class _Data:
         return Fraction(float(number))
 
 
-def _evaluated(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
+def _evaluated(plan: Plan, data: _Data, results: Sequence) -> list:
     """What a formula returned, as arrays or double words; everything that is not a quotient in one plan."""
     # With axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are summed once.
     arrays = [jnp.reshape(x, (1,) * (len(plan.batch) + 1 - x.ndim) + x.shape) for x in data.arrays]
@@ -89,24 +89,24 @@ def _evaluated(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
     return [next(divided) if _is_quotient(x) else next(plain) for x in results]
 
 
-def _is_quotient(x: Any) -> bool:
+def _is_quotient(x) -> bool:
     return isinstance(_components(x)[0], Quotient)
 
 
-def _components(x: Any) -> Sequence[Any]:
+def _components(x) -> Sequence:
     if isinstance(x, Summed):
         return x.vector
     return (x,) if _is_number(x) else x.entries if isinstance(x, linear.Matrix) else x
 
 
-def _is_number(x: Any) -> bool:
+def _is_number(x) -> bool:
     return isinstance(x, (Polynomial, Quotient))
 
 
 # -- unstacked components ----------------------------------------------------------------------------------------------
 
 
-def _evaluated_unstacked(plan: Plan, data: _Data, results: Sequence[Any]) -> list[Any]:
+def _evaluated_unstacked(plan: Plan, data: _Data, results: Sequence) -> list:
     """As `_evaluated`, with each component of a result on its own, and known where all its terms are constants."""
     known = [[_known(data, x, c) for c in _components(x)] for x in results]
     wanted = [
@@ -116,7 +116,7 @@ def _evaluated_unstacked(plan: Plan, data: _Data, results: Sequence[Any]) -> lis
         if number is None
     ]
     computed = (x[..., 0] for x in (_evaluated(plan, data, wanted) if wanted else ()))
-    found: list[Any] = []
+    found: list = []
     for x, numbers in zip(results, known, strict=True):
         parts = [next(computed) if number is None else number for number in numbers]
         number = jnp.broadcast_to(parts[0], plan.batch) if is_known(parts[0]) else parts[0]
@@ -124,7 +124,7 @@ def _evaluated_unstacked(plan: Plan, data: _Data, results: Sequence[Any]) -> lis
     return found
 
 
-def _known(data: _Data, x: Any, c: Any) -> Any:
+def _known(data: _Data, x, c):
     """The number that a component is, its exact value rounded once; None for data."""
     try:
         value = _value(data, c)
@@ -148,7 +148,7 @@ def _value(data: _Data, c: Polynomial | Quotient) -> Fraction:
 # -- evaluation --------------------------------------------------------------------------------------------------------
 
 
-def _divided(plan: Plan, arrays: Sequence[Any], x: Any) -> Any:
+def _divided(plan: Plan, arrays: Sequence, x):
     """Numerators and the one denominator, divided, and rounded once."""
     parts = [tuple(q.dividend for q in _components(x)), (_components(x)[0].divisor,)]
     dtype = arrays[0].dtype
@@ -162,20 +162,20 @@ def _divided(plan: Plan, arrays: Sequence[Any], x: Any) -> Any:
     return divided[..., 0] if _is_number(x) else divided
 
 
-def _bound(plan: Plan, arrays: Sequence[Any], results: Sequence[Any]) -> list[Any]:
+def _bound(plan: Plan, arrays: Sequence, results: Sequence) -> list:
     """The results of a plan for polynomials: an array or double word each; zeros where there are no terms."""
     wanted = [_sum(plan, x) for x in results]
     computed = iter(bind_nonzero(plan, wanted, arrays))
     return [_shaped(plan, x, s, next(computed), arrays[0].dtype) for x, s in zip(results, wanted, strict=True)]
 
 
-def _sum(plan: Plan, x: Any) -> Sum:
+def _sum(plan: Plan, x) -> Sum:
     terms, shares = zip(*(p.of_whole_terms() for p in _components(x)), strict=True)
     reduced = (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
     return Sum(terms, reduced, () if set(shares) == {1} else shares)
 
 
-def _shaped(plan: Plan, x: Any, s: Sum, result: Any, dtype: np.dtype[Any]) -> Any:
+def _shaped(plan: Plan, x, s: Sum, result, dtype: np.dtype):
     """Without the axes that a scalar, or a sum over items, does not have."""
     if result is None:
         result = [check.numpy_for(plan.batch).zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)
