@@ -251,7 +251,7 @@ class ArticulatedInertia(Additive):
         require_compatible(ArticulatedInertia=self, SpatialAcceleration=A_P_E)
         return SpatialForce(*_applied(precision, self._grouped, Motion(*A_P_E._vectors)))
 
-    def __rmatmul__(self, R_AE: Any) -> Self:
+    def __rmatmul__(self, R_AE: Rotation) -> Self:
         """R @ P: see `jaxspatial.rotate`."""
         return rotate(R_AE, self)
 

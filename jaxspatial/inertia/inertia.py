@@ -938,7 +938,7 @@ class SpatialInertia(Additive):
     # -- parts --------------------------------------------------------------------------------------------------------
 
     @property
-    def _parts(self) -> tuple[Any, Any, Any]:
+    def _parts(self) -> tuple:
         return self.mass, self.com, self.central
 
     @property
@@ -979,7 +979,7 @@ class SpatialInertia(Additive):
         """About the point Q of the same body, see `jaxspatial.shift`."""
         return shift(self, p_PQ_E, precision=precision)
 
-    def __rmatmul__(self, R_AE: Any) -> Self:
+    def __rmatmul__(self, R_AE: Rotation) -> Self:
         """R @ M: see `jaxspatial.rotate`."""
         return rotate(R_AE, self)
 

@@ -6,7 +6,7 @@ of it; and that `inv_do` of a Force returns NotImplemented. Read: brax/base.py, 
 """
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
@@ -29,22 +29,28 @@ from jaxspatial.spatial import (
 )
 from jaxspatial.spatial.vectors import SpatialVector
 
+if TYPE_CHECKING:
+    from brax import base
+    from brax.generalized.base import State
+
 # -- motions, forces and transforms ------------------------------------------------------------------------------------
 
 
-def from_motion(V: Any) -> SpatialVelocity:
+def from_motion(V: "base.Motion") -> SpatialVelocity:
     """Reads a brax.base.Motion (*batch,) that is a velocity: w is its ang, v its vel."""
     return SpatialVelocity(V.ang, V.vel)
 
 
-def to_motion(V: SpatialVelocity) -> Any:
+def to_motion(V: SpatialVelocity) -> "base.Motion":
     """Makes a brax.base.Motion (*batch,) that is a velocity."""
     from brax import base
 
     return base.Motion(**_parts(V))
 
 
-def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
+def from_spatial_acceleration(
+    A: "base.Motion", V: "base.Motion", *, precision: PrecisionName = None
+) -> SpatialAcceleration:
     """Reads a brax.base.Motion that is Featherstone's acceleration: a = A.vel + w x v.
 
     Args:
@@ -60,7 +66,9 @@ def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None
     return SpatialAcceleration.from_featherstone(from_motion(A).to_array(), from_motion(V), precision=precision)
 
 
-def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None) -> Any:
+def to_spatial_acceleration(
+    A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None
+) -> "base.Motion":
     """Makes a brax.base.Motion (*batch,) that is Featherstone's acceleration; A is classical, V about the same point.
 
     Error: as of `SpatialAcceleration.to_featherstone`.
@@ -68,17 +76,17 @@ def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, preci
     return to_motion(SpatialVelocity.from_array(A.to_featherstone(V, precision=precision)))
 
 
-def from_force(F: Any) -> SpatialForce:
+def from_force(F: "base.Force") -> SpatialForce:
     """Reads a brax.base.Force (*batch,) that is a force: tau is its ang, f its vel."""
     return SpatialForce(F.ang, F.vel)
 
 
-def from_momentum(L: Any) -> SpatialMomentum:
+def from_momentum(L: "base.Force") -> SpatialMomentum:
     """Reads a brax.base.Force (*batch,) that is a momentum, such as `Inertia.mul` gives: h is its ang, l its vel."""
     return SpatialMomentum(L.ang, L.vel)
 
 
-def to_force(F: SpatialForce | SpatialMomentum) -> Any:
+def to_force(F: SpatialForce | SpatialMomentum) -> "base.Force":
     """Makes a brax.base.Force (*batch,)."""
     from brax import base
 
@@ -90,7 +98,7 @@ def _parts(x: SpatialVector) -> dict[str, Any]:
     return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x._vectors, strict=True)}
 
 
-def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
+def from_transform(X_AB: "base.Transform", *, precision: PrecisionName = None) -> RigidTransform:
     """Reads a brax.base.Transform (*batch,), which holds p_AB, m, and a quaternion wxyz.
 
     Error: as of `Rotation.from_quaternion`.
@@ -98,7 +106,7 @@ def from_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransf
     return RigidTransform(Rotation.from_quaternion(X_AB.rot, precision=precision), X_AB.pos)
 
 
-def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
+def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> "base.Transform":
     """Makes a brax.base.Transform (*batch,), m, the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.
@@ -111,7 +119,7 @@ def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> An
 # -- inertias: one class with two meanings, of a link and after `Transform.do` -----------------------------------------
 
 
-def from_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
+def from_inertia(M: "base.Inertia", *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a brax.base.Inertia as links have it.
 
     Args:
@@ -127,7 +135,7 @@ def from_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
     return act(X_BI, SpatialInertia(M.mass, np.zeros(3, X_BI.dtype), M.i), precision=precision)
 
 
-def to_inertia(M_BBo_B: SpatialInertia) -> Any:
+def to_inertia(M_BBo_B: SpatialInertia) -> "base.Inertia":
     """Makes a brax.base.Inertia (*batch,) as links have it, in the axes of the link."""
     from brax import base
 
@@ -135,7 +143,7 @@ def to_inertia(M_BBo_B: SpatialInertia) -> Any:
     return base.Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
 
 
-def from_moved_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialInertia:
+def from_moved_inertia(M: "base.Inertia", *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a brax.base.Inertia that has gone through `Transform.do`; `Inertia.mul` is for these only.
 
     Args:
@@ -152,7 +160,7 @@ def from_moved_inertia(M: Any, *, precision: PrecisionName = None) -> SpatialIne
     return SpatialInertia.from_dynamic_parameters(pi10, precision=precision)
 
 
-def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None) -> Any:
+def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None) -> "base.Inertia":
     """Makes a brax.base.Inertia (*batch,) as it is after `Transform.do`, for `Inertia.mul`.
 
     Error: as of `SpatialInertia.to_dynamic_parameters`.
@@ -167,7 +175,13 @@ def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None)
 # -- wrenches on links -------------------------------------------------------------------------------------------------
 
 
-def to_tau(sys: Any, state: Any, wrenches: Mapping[str, SpatialForce], *, precision: PrecisionName = None) -> jax.Array:
+def to_tau(
+    sys: "base.System",
+    state: "State",
+    wrenches: Mapping[str, SpatialForce],
+    *,
+    precision: PrecisionName = None,
+) -> jax.Array:
     """Makes the generalized forces of wrenches on links, for the generalized pipeline of Brax.
 
         tau_i = cdof_i . sum F_C        over the links that joint i moves, C = root_com

@@ -4,15 +4,18 @@ Its tangents are [v; w] and its adjoints act on them: `orders.from_linear_first`
 read both. `exp` is the same of both.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 from jaxspatial.interop import orders
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
+if TYPE_CHECKING:
+    import jaxlie
 
-def from_so3(R_AB: Any, *, precision: PrecisionName = None) -> Rotation:
+
+def from_so3(R_AB: "jaxlie.SO3", *, precision: PrecisionName = None) -> Rotation:
     """Reads a jaxlie.SO3 (*batch,), which holds quaternions wxyz.
 
     Error: as of `Rotation.from_quaternion`.
@@ -20,7 +23,7 @@ def from_so3(R_AB: Any, *, precision: PrecisionName = None) -> Rotation:
     return Rotation.from_quaternion(R_AB.wxyz, precision=precision)
 
 
-def to_so3(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
+def to_so3(R_AB: Rotation, *, precision: PrecisionName = None) -> "jaxlie.SO3":
     """Makes a jaxlie.SO3 (*batch,), the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.
@@ -30,7 +33,7 @@ def to_so3(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
     return jaxlie.SO3(wxyz=R_AB.to_quaternion(precision=precision))
 
 
-def from_se3(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
+def from_se3(X_AB: "jaxlie.SE3", *, precision: PrecisionName = None) -> RigidTransform:
     """Reads a jaxlie.SE3 (*batch,), which holds [wxyz; p_AB], m.
 
     Error: as of `Rotation.from_quaternion`.
@@ -38,7 +41,7 @@ def from_se3(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
     return orders.pose_from_wxyz_xyz(X_AB.wxyz_xyz, precision=precision)
 
 
-def to_se3(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
+def to_se3(X_AB: RigidTransform, *, precision: PrecisionName = None) -> "jaxlie.SE3":
     """Makes a jaxlie.SE3 (*batch,), m, the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.

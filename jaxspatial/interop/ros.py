@@ -8,20 +8,24 @@ drivers mean another point or other axes than the header says.
 Read: geometry_msgs/msg/Wrench.msg, tf2_geometry_msgs.hpp.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from jaxspatial.interop import orders
 from jaxspatial.spatial import SpatialForce
 
+if TYPE_CHECKING:
+    from geometry_msgs.msg import Wrench
 
-def from_wrench(message: Any) -> SpatialForce:
+
+def from_wrench(message: "Wrench") -> SpatialForce:
     """Reads a geometry_msgs/Wrench, N, N m, as float64: F_Fo_F, with F the frame that the header beside it names."""
-    return orders.from_linear_first(SpatialForce, np.array([*_xyz(message.force), *_xyz(message.torque)], np.float64))
+    six = [part for x in (message.force, message.torque) for part in (x.x, x.y, x.z)]
+    return orders.from_linear_first(SpatialForce, np.array(six, np.float64))
 
 
-def to_wrench(F_Fo_F: SpatialForce) -> Any:
+def to_wrench(F_Fo_F: SpatialForce) -> "Wrench":
     """Makes a geometry_msgs.msg.Wrench, N, N m: about the origin of the frame F that its header will name, in the axes
     of F.
 
@@ -33,7 +37,3 @@ def to_wrench(F_Fo_F: SpatialForce) -> Any:
     six = orders.single(orders.to_linear_first(F_Fo_F), "ros.to_wrench: F_Fo_F").tolist()
     force, torque = (Vector3(**dict(zip("xyz", part, strict=True))) for part in (six[:3], six[3:]))
     return Wrench(force=force, torque=torque)
-
-
-def _xyz(v) -> tuple[float, float, float]:
-    return v.x, v.y, v.z

@@ -4,7 +4,7 @@ What is read is copied, NumPy in float64; what is made is copied to the host. Th
 RigidTransform are [rotation vector; v], the order of `SpatialVelocity.from_array`.
 """
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -15,8 +15,11 @@ from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
+if TYPE_CHECKING:
+    from scipy.spatial import transform
 
-def from_rotation(R_AB: Any, *, precision: PrecisionName = None) -> Rotation:
+
+def from_rotation(R_AB: "transform.Rotation", *, precision: PrecisionName = None) -> Rotation:
     """Reads a scipy.spatial.transform.Rotation (*batch,), which holds quaternions xyzw: v_A = R_AB.apply(v_B).
 
     Error: as of `Rotation.from_quaternion`.
@@ -24,7 +27,7 @@ def from_rotation(R_AB: Any, *, precision: PrecisionName = None) -> Rotation:
     return Rotation.from_quaternion(orders.quaternion_from_xyzw(R_AB.as_quat()), precision=precision)
 
 
-def to_rotation(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
+def to_rotation(R_AB: Rotation, *, precision: PrecisionName = None) -> "transform.Rotation":
     """Makes a scipy.spatial.transform.Rotation (*batch,); SciPy before 1.17 takes at most one axis.
 
     Error: as of `Rotation.to_quaternion`.
@@ -34,7 +37,7 @@ def to_rotation(R_AB: Rotation, *, precision: PrecisionName = None) -> Any:
     return transform.Rotation.from_quat(_host(orders.quaternion_to_xyzw(R_AB.to_quaternion(precision=precision))))
 
 
-def from_rigid_transform(X_AB: Any, *, precision: PrecisionName = None) -> RigidTransform:
+def from_rigid_transform(X_AB: "transform.RigidTransform", *, precision: PrecisionName = None) -> RigidTransform:
     """Reads a scipy.spatial.transform.RigidTransform (*batch,) of SciPy 1.16, m: p_A = X_AB.apply(p_B).
 
     Error: as of `Rotation.from_quaternion`.
@@ -42,7 +45,7 @@ def from_rigid_transform(X_AB: Any, *, precision: PrecisionName = None) -> Rigid
     return RigidTransform(from_rotation(X_AB.rotation, precision=precision), np.array(X_AB.translation))
 
 
-def to_rigid_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> Any:
+def to_rigid_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> "transform.RigidTransform":
     """Makes a scipy.spatial.transform.RigidTransform (*batch,) of SciPy 1.16, m.
 
     Error: as of `Rotation.to_quaternion`.

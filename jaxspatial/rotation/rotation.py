@@ -99,7 +99,7 @@ class Rotation(Quantity):
 
     if TYPE_CHECKING:
 
-        def __init__(self, entries: Any): ...
+        def __init__(self, entries: ArrayLike): ...
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
@@ -535,7 +535,7 @@ class Rotation(Quantity):
     def __matmul__(self, other: "Rotation") -> "Rotation": ...
 
     @overload
-    def __matmul__(self, other: Any) -> Any: ...
+    def __matmul__(self, other: ArrayLike) -> jax.Array: ...
 
     @promises(bound=ROTATED)
     def __matmul__(self, other: Any) -> Any:
@@ -634,7 +634,7 @@ def is_identity(R_AB: Rotation) -> bool:
     return known and bool((R_AB.entries == np.eye(3).ravel()).all())
 
 
-def rotated(R_AB: Rotation, v_B: ArrayLike, *, precision: PrecisionName = None) -> Any:
+def rotated(R_AB: Rotation, v_B: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
     """v_A = R_AB v_B: the same vector, expressed in frame A.
 
     Args:

@@ -122,7 +122,7 @@ class SpatialVector(Additive):
         return cls(array[..., :3], array[..., 3:])
 
     @property
-    def _vectors(self) -> tuple[Any, Any]:
+    def _vectors(self) -> tuple:
         """(rotational, translational). A known zero takes the dtype of the other part, even once that is converted."""
         first, second = (parts := vars(self).values())
         if Components in map(type, parts):
@@ -130,12 +130,12 @@ class SpatialVector(Additive):
         return first, second
 
     @property
-    def rotational(self) -> Any:
+    def rotational(self) -> jax.Array:
         """(*batch, 3) the rotational part."""
         return self._vectors[0]
 
     @property
-    def translational(self) -> Any:
+    def translational(self) -> jax.Array:
         """(*batch, 3) the translational part."""
         return self._vectors[1]
 
@@ -154,7 +154,7 @@ class SpatialVector(Additive):
         """6, whatever the batch."""
         return 6
 
-    def __getitem__(self, i: int) -> Any:
+    def __getitem__(self, i: int) -> jax.Array:
         """The i-th of the six components of one vector, rotational first."""
         if self.batch_shape:
             # Not an IndexError: iteration would end silently.
@@ -274,7 +274,7 @@ class SpatialVector(Additive):
         """The pairing of force and velocity, see `jaxspatial.dot`."""
         return self._dot(other, precision)
 
-    def __rmatmul__(self, R_AE: Any) -> Self:
+    def __rmatmul__(self, R_AE: Rotation) -> Self:
         """R @ X: see `jaxspatial.rotate`."""
         require_kind(R_AE, Rotation, "rotate", " first")
         return self._rotate(R_AE, None)
@@ -718,7 +718,7 @@ def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:
 # -- parts as arrays --------------------------------------------------------------------------------------------------
 
 
-def concatenated(*parts: Any) -> Any:
+def concatenated(*parts) -> Any:
     """The two parts as one array (*batch, 6), a NumPy array where JAX would narrow it."""
     arrays = [as_array(part, check.batch_shape(*parts)) for part in parts]
     if all(map(check.is_only_held, arrays)):
