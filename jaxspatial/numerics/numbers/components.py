@@ -7,7 +7,6 @@ part of the type: it survives jit, scan, vmap and derivatives, where a NumPy arr
 import functools
 import json
 import math
-import operator
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, Self, TypeGuard
 
@@ -20,11 +19,10 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier
 from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
 from jaxspatial.numerics.numbers.layout import stack
-from jaxspatial.numerics.numbers.rounded import Rounded, is_known, quietly, uniform
+from jaxspatial.numerics.numbers.rounded import Arithmetic, Rounded, is_known, quietly, uniform
 from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.types import DTypeLike
 
-_Other = check.StandIn | jax.typing.ArrayLike
 _INTEGERS: tuple[type, ...] = int, np.integer
 
 
@@ -35,7 +33,7 @@ class _Structure(NamedTuple):
     dtype: str | None
 
 
-class Components(check.StandIn):
+class Components(Arithmetic, check.StandIn):
     """An array (*batch, n) by its n components, each data or a number known while tracing.
 
         f = js.Components(fx, fy, 0.0)                        # a force in the plane
@@ -282,29 +280,7 @@ class Components(check.StandIn):
     def __abs__(self) -> Self:
         return self.of([abs(c) for c in self.components])
 
-    def __add__(self, other: _Other) -> Self:
-        return self._by_component(operator.add, other)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: _Other) -> Self:
-        return self._by_component(operator.sub, other)
-
-    def __rsub__(self, other: _Other) -> Self:
-        return self._by_component(operator.sub, other, is_reflected=True)
-
-    def __mul__(self, other: _Other) -> Self:
-        return self._by_component(operator.mul, other)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: _Other) -> Self:
-        return self._by_component(check.truediv, other)
-
-    def __rtruediv__(self, other: _Other) -> Self:
-        return self._by_component(check.truediv, other, is_reflected=True)
-
-    def _by_component(self, operation: Callable, other, is_reflected: bool = False) -> Any:
+    def _operated(self, operation: Callable, other, is_reflected: bool = False) -> Any:
         other = self._beside(other)
         if other is NotImplemented:
             return NotImplemented

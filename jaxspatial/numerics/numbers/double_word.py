@@ -20,11 +20,19 @@ from jax import lax
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.numbers import pairs
-from jaxspatial.numerics.numbers.rounded import Compared
+from jaxspatial.numerics.numbers.rounded import Arithmetic, Compared
 from jaxspatial.numerics.types import DTypeLike
 
-_Other = check.StandIn | jax.typing.ArrayLike
-# Of pairs, by the operators that ask for them.
+# Of two pairs, and of a pair and a limb, by the operators that ask for them.
+_OPERATIONS = {
+    operator.add: (pairs.add, pairs.add_limb),
+    operator.sub: (pairs.subtract, pairs.subtract_limb),
+    operator.mul: (pairs.multiply, pairs.multiply_limb),
+    check.truediv: (pairs.divide, pairs.divide_limb),
+}
+# Of the quotient of what stands on the left of a pair.
+_REFLECTED = (lambda x, y: pairs.divide(y, x)), (lambda x, b: pairs.divide(with_zero(b), x))
+# Of two pairs.
 _COMPARISONS = {
     operator.lt: pairs.less,
     operator.le: pairs.less_equal,
@@ -36,7 +44,7 @@ _COMPARISONS = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class DoubleWord(Compared, check.StandIn):
+class DoubleWord(Arithmetic, Compared, check.StandIn):
     """A number, or an array of them, as the unevaluated sum hi + lo: about twice the digits of its dtype.
 
         x = js.to_double_word(jnp.float32(1) / 3)
@@ -187,29 +195,10 @@ class DoubleWord(Compared, check.StandIn):
         """
         return of_limbs(pairs.square_root(self.limbs))
 
-    def __add__(self, other: _Other) -> "DoubleWord":
-        return self._with(other, pairs.add, pairs.add_limb)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: _Other) -> "DoubleWord":
-        return self._with(other, pairs.subtract, pairs.subtract_limb)
-
-    def __rsub__(self, other: _Other) -> "DoubleWord":
-        return (-self).__add__(other)
-
-    def __mul__(self, other: _Other) -> "DoubleWord":
-        return self._with(other, pairs.multiply, pairs.multiply_limb)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: _Other) -> "DoubleWord":
-        return self._with(other, pairs.divide, pairs.divide_limb)
-
-    def __rtruediv__(self, other: _Other) -> "DoubleWord":
-        return self._with(other, lambda x, y: pairs.divide(y, x), lambda x, b: pairs.divide(with_zero(b), x))
-
-    def _with(self, other, on_pairs: Callable, on_limb: Callable):
+    def _operated(self, operation: Callable, other, is_reflected: bool = False):
+        if is_reflected and operation is operator.sub:
+            return (-self)._operated(operator.add, other)
+        on_pairs, on_limb = _REFLECTED if is_reflected else _OPERATIONS[operation]
         result = self._beside(other, lambda x, y: (on_pairs if isinstance(y, tuple) else on_limb)(x, y))
         return result if result is NotImplemented else of_limbs(result)
 

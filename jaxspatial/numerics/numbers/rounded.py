@@ -9,7 +9,7 @@ import contextlib
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from typing import Any
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +32,7 @@ _COMPARISONS = {operator.lt: lax.lt, operator.le: lax.le, operator.gt: lax.gt, o
 # Its stub knows no operators.
 _KNOWN: type[Any] = np.generic
 _NO_ARRAYS: Any = (np.generic, check.StandIn)
+_Other = check.StandIn | jax.typing.ArrayLike  # beside a number in an operation
 # Factors that leave no product behind.
 _UNITS = 0, 1, -1
 
@@ -147,6 +148,36 @@ def _filled(like: Array, number) -> Array:
 
 
 # -- numbers -----------------------------------------------------------------------------------------------------------
+
+
+class Arithmetic:
+    """Base of kinds of which all sums, products and quotients are made in one way."""
+
+    def _operated(self, operation: Callable, other, is_reflected: bool = False) -> Any:
+        """operation(self, other), of one of `operator`; operation(other, self) if reflected. Or NotImplemented."""
+        raise NotImplementedError
+
+    def __add__(self, other: _Other) -> Self:
+        return self._operated(operator.add, other)
+
+    __radd__ = __add__
+
+    def __sub__(self, other: _Other) -> Self:
+        return self._operated(operator.sub, other)
+
+    def __rsub__(self, other: _Other) -> Self:
+        return self._operated(operator.sub, other, is_reflected=True)
+
+    def __mul__(self, other: _Other) -> Self:
+        return self._operated(operator.mul, other)
+
+    __rmul__ = __mul__
+
+    def __truediv__(self, other: _Other) -> Self:
+        return self._operated(check.truediv, other)
+
+    def __rtruediv__(self, other: _Other) -> Self:
+        return self._operated(check.truediv, other, is_reflected=True)
 
 
 class Compared:
