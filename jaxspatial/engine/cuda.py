@@ -527,10 +527,13 @@ def is_available() -> bool:
     except RuntimeError:  # There is no GPU: a program is lowered for another machine.
         return False
     try:
-        x = np.arange(1, 41, dtype=np.float32)[:, None]
+        x, square, number = np.arange(1, 41, dtype=np.float32)[:, None], Graph(), np.dtype(np.float32)
+        node = square.load(0, 0, number)
+        square.results = [np.array([square.operation("mul", (node, node), number)])]
+        code = code_of(square, [cpu.Argument(1, number)], [cpu.Result(1, number)], WARP)
         # Whatever the caller forbids, or is in the middle of.
         with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):
-            (y,) = jax.jit(lambda x: call(_probe(), [x], len(x)))(x)
+            (y,) = jax.jit(lambda x: call(code, [x], len(x)))(x)
         if np.array_equal(np.asarray(y), x * x):
             return True
         reason = f"{x.ravel()} squared is {np.asarray(y).ravel()}"
@@ -538,11 +541,3 @@ def is_available() -> bool:
         reason = str(error)
     warnings.warn(f"jaxspatial writes no kernels of its own on this GPU: {reason}", stacklevel=2)
     return False
-
-
-def _probe() -> Code:
-    """The code of x^2."""
-    graph, number = Graph(), np.dtype(np.float32)
-    x = graph.load(0, 0, number)
-    graph.results = [np.array([graph.operation("mul", (x, x), number)])]
-    return code_of(graph, [cpu.Argument(1, number)], [cpu.Result(1, number)], WARP)

@@ -495,11 +495,7 @@ def rank_one_downdate(P: Articulated, U: Wrench, UDinv: Wrench) -> Articulated:
 _applied = formula(apply, of_sums=True, layout=(3, 4))
 _shifted = formula(shifted, of_sums=True, layout=(0, 1, None))
 _rotated = formula(reexpressed)
-
-
-@formula(of_sums=True)
-def _coupling_and_translational(mass: Numbers, com: Vector) -> list:
-    return [skew(mass[0] * com), Symmetric.diagonal(*[mass[0]] * 3)]
+_coupling_and_translational = formula(lambda m, com: [skew(m[0] * com), Symmetric.diagonal(*[m[0]] * 3)], of_sums=True)
 
 
 @formula

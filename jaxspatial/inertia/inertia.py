@@ -6,7 +6,7 @@ The formulas over numbers stand beside it, by subject; those of motion are in `s
 import functools
 from collections.abc import Callable, Iterable
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, overload
 
 import jax
 import jax.numpy as jnp
@@ -1016,7 +1016,13 @@ class SpatialInertia(Additive):
 
     # -- motion -------------------------------------------------------------------------------------------------------
 
-    def __matmul__(self, motion: Any) -> Any:
+    @overload
+    def __matmul__(self, motion: SpatialAcceleration) -> SpatialForce: ...
+
+    @overload
+    def __matmul__(self, motion: SpatialVelocity) -> SpatialMomentum: ...
+
+    def __matmul__(self, motion: SpatialAcceleration | SpatialVelocity) -> SpatialForce | SpatialMomentum:
         """M @ A is a SpatialForce, M @ V a SpatialMomentum: see `apply`."""
         return self.apply(motion)
 

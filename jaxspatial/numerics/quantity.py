@@ -217,7 +217,12 @@ class Quantity:
     def __eq__(self, other: object) -> Any:
         """Where all components are equal: a mask (*batch,)."""
         if type(other) is not type(self):
-            return _not_comparable(self, other)
+            # Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so.
+            if isinstance(other, (Quantity, int, float, complex, *check.ARRAYS)):
+                kinds = f"{type(self).__name__} and {type(other).__name__}"
+                message = f"==: expected two of one kind, got {kinds}; numbers are in x.to_array() or x.to_matrix()"
+                raise TypeError(message)
+            return NotImplemented
         # What is no array is a tree that describes trees, see `check.is_tree_mark`.
         leaves = (jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None) for x in (self, other))
         numeric = [all(isinstance(leaf, check.ARRAYS) for leaf in each) for each in leaves]
@@ -407,14 +412,6 @@ def _require_in_range(x, index: tuple) -> None:
     except IndexError as error:
         kind = type(x).__name__
         raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None
-
-
-def _not_comparable(x, other: object):
-    """Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so."""
-    if isinstance(other, (Quantity, int, float, complex, *check.ARRAYS)):
-        kinds = f"{type(x).__name__} and {type(other).__name__}"
-        raise TypeError(f"==: expected two of one kind, got {kinds}; numbers are in x.to_array() or x.to_matrix()")
-    return NotImplemented
 
 
 def _fields(x) -> list:

@@ -407,15 +407,11 @@ def transformed(X_AB: RigidTransform, other, *, precision: PrecisionName = None)
     Error: as of `X_AB @ p_BQ`.
     """
     if isinstance(other, RigidTransform):
-        return _composed(X_AB, other, precision)
+        check.require_same_dtype(left=X_AB, right=other)
+        R_AC = composed(X_AB.rotation, other.rotation, precision=precision)
+        return RigidTransform(R_AC, transformed(X_AB, other.translation, precision=precision))
     if isinstance(other, Quantity):
         raise TypeError(f"RigidTransform @ p: expected points or a RigidTransform, got {type(other).__name__}; see act")
     p = check.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
     require_compatible(RigidTransform=X_AB, p=p)
     return _moved(precision, X_AB._pose, p)
-
-
-def _composed(X_AB: RigidTransform, X_BC: RigidTransform, precision: PrecisionName) -> RigidTransform:
-    check.require_same_dtype(left=X_AB, right=X_BC)
-    R_AC = composed(X_AB.rotation, X_BC.rotation, precision=precision)
-    return RigidTransform(R_AC, transformed(X_AB, X_BC.translation, precision=precision))

@@ -157,8 +157,10 @@ class Components(Arithmetic, check.StandIn):
     @property
     def components(self) -> tuple:
         """The n components: arrays or double words (*batch,), and NumPy scalars, which are known."""
-        dtype, data = self.dtype, iter(self.data)
-        return tuple(_as_data(next(data)) if c is None else dtype.type(c) for c in self.structure.known)
+        # A NumPy array that JAX put there would be known.
+        data = iter([jnp.asarray(x) if isinstance(x, (np.ndarray, np.generic)) else x for x in self.data])
+        dtype = self.dtype
+        return tuple(next(data) if c is None else dtype.type(c) for c in self.structure.known)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -453,11 +455,6 @@ def _plain(number: float) -> float:
     """As a Python float that equals itself: 0 for -0, one NaN for all."""
     number = float(number)
     return math.nan if math.isnan(number) else number + 0.0
-
-
-def _as_data(leaf):
-    """Data as what a formula computes with: a NumPy array that JAX put there would be known."""
-    return jnp.asarray(leaf) if isinstance(leaf, (np.ndarray, np.generic)) else leaf
 
 
 def _shown(leaf) -> str:
