@@ -13,7 +13,7 @@ from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import BODIES, algorithm
 from jaxspatial.engine.state import Link, MechanismState
-from jaxspatial.inertia.composition import sum_of_two
+from jaxspatial.inertia.composition import combined
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
@@ -115,11 +115,6 @@ def _composite(link: Link, children: Inertia) -> tuple[Inertia, Inertia]:
     """The composite inertia of a body and its children: (about J, about the parent's origin in its axes)."""
     inertia = combined(link.inertia, children)
     return inertia, algebra.acted_inertia(link.X_PB, inertia)
-
-
-def combined(a: Inertia, b: Inertia) -> Inertia:
-    """The inertia of two bodies as one."""
-    return sum_of_two(a, b, 0.5)
 
 
 # -- factors ----------------------------------------------------------------------------------------------------------

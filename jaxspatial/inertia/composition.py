@@ -27,10 +27,12 @@ from jaxspatial.spatial import algebra
 # -- two bodies -------------------------------------------------------------------------------------------------------
 
 
-@formula
-def with_body(a: Inertia, b: Inertia) -> Inertia:
+def combined(a: Inertia, b: Inertia) -> Inertia:
     """Two bodies as one; without mass, com is the mean of both."""
     return sum_of_two(a, b, 0.5)
+
+
+with_body = formula(combined)
 
 
 @formula

@@ -44,36 +44,11 @@ def each(operation: Callable[..., Number], *lists: Sequence) -> list:
     return [result[i] for i in range(len(lists[0]))]
 
 
-class Entrywise:
-    """Adds `+ - * /`, entry by entry, to a named tuple of numbers."""
-
-    __slots__ = ()
-    # A NumPy number on the left of an operator then calls ours.
-    __array_ufunc__ = None
-
-    def __add__(self: Any, other):
-        return self._make(each(operator.add, self, other))
-
-    def __sub__(self: Any, other):
-        return self._make(each(operator.sub, self, other))
-
-    def __neg__(self: Any):
-        return self._make(map(operator.neg, self))
-
-    def __mul__(self: Any, s: Number | float):
-        return self._make(each(operator.mul, self, (s,) * len(self)))
-
-    def __rmul__(self: Any, s: Number | float):
-        return self._make(each(operator.mul, (s,) * len(self), self))
-
-    def __truediv__(self: Any, s: Number | float):
-        return self._make(each(check.truediv, self, (s,) * len(self)))
-
-
 class Partwise:
     """Adds `+ -` and multiples, part by part, to a named tuple of vectors and matrices."""
 
     __slots__ = ()
+    # A NumPy number on the left of an operator then calls ours.
     __array_ufunc__ = None
 
     def __add__(self: Any, other):
@@ -87,6 +62,27 @@ class Partwise:
 
     def __rmul__(self: Any, s: Number | float):
         return self._make([s * part for part in self])
+
+
+class Entrywise(Partwise):
+    """Adds `+ - * /`, entry by entry, to a named tuple of numbers."""
+
+    __slots__ = ()
+
+    def __add__(self: Any, other):
+        return self._make(each(operator.add, self, other))
+
+    def __sub__(self: Any, other):
+        return self._make(each(operator.sub, self, other))
+
+    def __mul__(self: Any, s: Number | float):
+        return self._make(each(operator.mul, self, (s,) * len(self)))
+
+    def __rmul__(self: Any, s: Number | float):
+        return self._make(each(operator.mul, (s,) * len(self), self))
+
+    def __truediv__(self: Any, s: Number | float):
+        return self._make(each(check.truediv, self, (s,) * len(self)))
 
 
 class _Three(NamedTuple):
