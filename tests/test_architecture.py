@@ -157,3 +157,25 @@ def test_what_may_change_of_jax_is_imported_in_one_file():
             if any(name and name.startswith(unstable) for name in names):
                 found.add(path.relative_to(PACKAGE).as_posix())
     assert found == {"numerics/jax_internals.py"}
+
+
+@pytest.mark.parametrize("folder", ["numerics", "rotation", "spatial", "inertia", "engine", "interop", "measure"])
+def test_private_functions_do_not_say_that_an_argument_may_be_anything(folder):
+    """`Any` finds no fault: what an argument is, its type says, or the docstring alone."""
+    found = list[str]()
+
+    def read(node, is_private, place):
+        for x in ast.iter_child_nodes(node):
+            inside = is_private
+            if isinstance(x, ast.FunctionDef):
+                if is_private or (x.name.startswith("_") and not x.name.endswith("__")):
+                    a = x.args
+                    arguments = (*a.posonlyargs, *a.args, *a.kwonlyargs, a.vararg, a.kwarg)
+                    anything = [y.arg for y in arguments if y and y.annotation and ast.unparse(y.annotation) == "Any"]
+                    found.extend(f"{place}:{x.lineno} {x.name}: {name}" for name in anything)
+                inside = True  # Functions in functions.
+            read(x, inside, place)
+
+    for path in sorted((PACKAGE / folder).rglob("*.py")):
+        read(ast.parse(path.read_text()), False, path.name)
+    assert not found

@@ -51,7 +51,7 @@ def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fractio
 
 @functools.cache
 def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable:
-    def evaluated(x: Any) -> Number:
+    def evaluated(x) -> Number:
         if isinstance(x, DoubleWord):
             return _scanned(coefficients, x)
         if is_constant(x) or len(coefficients) == 1:
@@ -129,7 +129,7 @@ def turns(angle: Number, parts: int) -> tuple[Number, Number]:
     return k, where(is_known & (abs(rest.limbs[0]) <= float(step * 9 / 16)), rest, math.nan)
 
 
-def _remainder(x: Any, step: Fraction) -> Any:
+def _remainder(x, step: Fraction) -> Any:
     """(k, x - k step) with k the integer nearest to x / step; see `turns` for errors."""
     k: Any = nearest_integer(x * constant(x, 1 / step))
     if isinstance(x, DoubleWord):
