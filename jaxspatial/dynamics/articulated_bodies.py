@@ -167,12 +167,14 @@ def _eliminate(
     (link, _), bias, is_floating = body
     P = articulated.of_body(link.inertia) + children.P
     rest = ArticulatedBody(P, bias.Z + children.Z + articulated.apply(P, bias.c))
+    # Without accelerations, the rotors of joints that turn their axes take a part.
+    tau = tuple(x - y for x, y in zip(link.tau, link.rotor_forces, strict=True))
     if is_floating:
-        u = _wrench(link.tau) - rest.Z
+        u = _wrench(tau) - rest.Z
         return FloatingElimination(_with_armature(rest.P, link.armature), rest.P, u), rest
     eliminated: list[Elimination] = []
-    for s, tau, armature in zip(link.joint.subspace, link.tau, link.armature, strict=True):
-        rest, elimination = without_velocity(rest, s, tau, armature)
+    for s, force, armature in zip(link.joint.subspace, tau, link.armature, strict=True):
+        rest, elimination = without_velocity(rest, s, force, armature)
         eliminated.append(elimination)
     X_PB = link.X_PB
     P = articulated.shifted(articulated.reexpressed(rest.P, X_PB.R), -X_PB.p)

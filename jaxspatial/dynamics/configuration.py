@@ -205,7 +205,7 @@ def transport(state: MechanismState, v: Array):
 
     dv/dt + w x v is the time derivative of such a velocity in the parent's axes.
     """
-    terms = [joints.joint.transport(joints.velocities(v)) for joints in state.independent_joints]
+    terms = [joints.joint.transport(*[joints.velocities(v)] * 2) for joints in state.independent_joints]
     return state.by_velocity(terms, state.topology.joints_by_kind)
 
 

@@ -24,7 +24,7 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.articulated import of_body
 from jaxspatial.numerics import numbers
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Vector, Wrench, cross, dot, each, skew
-from jaxspatial.numerics.numbers import Number, Numbers, doubled
+from jaxspatial.numerics.numbers import Number, Numbers, doubled, is_constant
 from jaxspatial.spatial.algebra import (
     acted_inertia,
     acted_wrench,
@@ -265,7 +265,30 @@ def _assembled(state: MechanismState, links: list[Link], entries: Numbers) -> tu
     both = zip(entries[2:4], entries[:2], strict=True)
     by_q, by_v = (numbers.where(is_behind, x, matrices.transposed(y)) for x, y in both)
     by_q, by_v = (matrices.by_velocity(state, matrices.by_velocity(state, x, 0), 1) for x in (by_q, by_v))
-    return by_q, by_v, with_armature(state, links, matrices.symmetric_of(entries[4]))
+    return by_q, _with_turning(state, links, by_v), with_armature(state, links, matrices.symmetric_of(entries[4]))
+
+
+def _with_turning(state: MechanismState, links: list[Link], by_v: Number) -> Number:
+    """Adds the derivatives of the forces that move armature along axes that joints turn, armature (w x v)."""
+    t = state.topology
+    # The first velocity of the joint of each row.
+    starts = np.array([t.v_starts[i] for i in range(len(t)) if not t.is_mimic(i) for _ in range(t.kind(i).nv)])
+    for m in range(max((b.kind.nv for b in state.bundles if b.kind.turned), default=0)):
+        rates = [_rates_of_turning(link, m) for link in links]
+        if all(is_constant(x) and x.value == 0 for each in rates for x in each):
+            continue
+        column = state.of_independent_joints(rates)
+        is_here = jnp.asarray((np.arange(len(starts)) == starts[:, None] + m)[:, :, None])
+        by_v = numbers.where(is_here, by_v + stacking.mapped(lambda w: w[:, None], column), by_v)
+    return by_v
+
+
+def _rates_of_turning(link: Link, m: int) -> Numbers:
+    """The derivatives of armature (w x v) of a joint by its velocity m, known zeros where it has no such."""
+    kind, v = link.joint.kind, link.v
+    unit = tuple(numbers.constant(kind.zero, int(k == m)) for k in range(len(v)))
+    rates = zip(link.armature, kind.transport(unit, v), kind.transport(v, unit), strict=True)
+    return tuple(a * (x + y) for a, x, y in rates)
 
 
 def _by_coordinates(state: MechanismState, matrix: Number) -> Number:

@@ -49,9 +49,10 @@ def inverse_dynamics(
 
         tau = M(q) vdot + C(q, v) v + g(q) - J^T F
 
-    Armature is part of M. Damping, friction and springs are not included: see `passive_forces`. Whole Jacobians
-    (`jax.jacfwd`, `jax.jacrev`: at least nv tangents or cotangents at one state) are computed in closed form, as by
-    `inverse_dynamics_derivatives`: with its error, and not bitwise as single derivatives are.
+    Armature is part of M, and of C where axes turn, see `Joint`. Damping, friction and springs are not included: see
+    `passive_forces`. Whole Jacobians (`jax.jacfwd`, `jax.jacrev`: at least nv tangents or cotangents at one state) are
+    computed in closed form, as by `inverse_dynamics_derivatives`: with its error, and not bitwise as single derivatives
+    are.
 
     Args:
         mechanism: the mechanism, see `Mechanism`.
@@ -168,7 +169,7 @@ def joint_reactions(
 
     It holds the body against gravity, external forces, its own motion and all that hangs on it. Its part along the
     joint is the force of the joint: S . F + armature vdot = `inverse_dynamics`, in "reproducible" bit by bit where the
-    joint is at the origin of its body. The bearing takes the rest.
+    joint is at the origin of its body; where axes turn the rate is that of `Joint`. The bearing takes the rest.
 
     Fixed joints have reactions, too, which are computed where `joints` names them: js.joint_reactions(mech, q, v, vdot,
     joints="wrist"), also those to the world, and of mechanisms that have no others. All that is welded behind the joint

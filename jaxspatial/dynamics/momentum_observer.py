@@ -204,6 +204,8 @@ def momentum_and_beta(state: MechanismState, v: Array) -> tuple[jax.Array, jax.A
 
         beta_j = S_j . (W_j + V_j x* H_j) - S_j' . H_j
 
+    and of linear velocities along axes that the joint turns, armature (w x v)_j more.
+
     One sweep outward and one inward give both, without the terms of `bias_forces` and dM/dt v that cancel.
     """
     links = state.links(v)
@@ -227,9 +229,12 @@ def _at_joint(body: tuple[Link, tuple[Motion, _Subtree]], of_children: _Subtree)
     link, (V, (H, W)) = body
     H, W = H + of_children.momentum, W + of_children.weight
     of_rotors = [i * x for i, x in zip(link.armature, link.v, strict=True)]
+    turning = link.rotor_forces  # without accelerations
     S, rates = link.joint.subspace, link.joint.subspace_rate(link.v)
     p = tuple(algebra.power(H, s) + x for s, x in zip(S, of_rotors, strict=True))
     loss = W + algebra.cross_force(V, H)
-    beta = tuple(algebra.power(loss, s) - algebra.power(H, rate) for s, rate in zip(S, rates, strict=True))
+    beta = tuple(
+        algebra.power(loss, s) - algebra.power(H, rate) + x for s, rate, x in zip(S, rates, turning, strict=True)
+    )
     X = link.X_PB
     return (p, beta), _Subtree(algebra.acted_wrench(X, H), algebra.acted_wrench(X, W))

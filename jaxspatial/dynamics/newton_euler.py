@@ -56,8 +56,7 @@ def _joint_forces(body: tuple[Link, Wrench], of_children: Wrench) -> tuple[Numbe
     link, _ = body
     wrench, about_parent = _wrench_through_joint(body, of_children)
     at_joint = [algebra.power(wrench, s) for s in link.joint.subspace]
-    of_rotors = [i * x for i, x in zip(link.armature, link.vdot, strict=True)]
-    return tuple(x + y for x, y in zip(at_joint, of_rotors, strict=True)), about_parent
+    return tuple(x + y for x, y in zip(at_joint, link.rotor_forces, strict=True)), about_parent
 
 
 def _wrench_through_joint(body: tuple[Link, Wrench], of_children: Wrench) -> tuple[Wrench, Wrench]:

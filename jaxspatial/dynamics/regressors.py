@@ -24,6 +24,7 @@ def joint_torque_regressor(
 
         tau = Y pi + armature vdot        (`inverse_dynamics` without external forces)
 
+    Of linear velocities along axes that turn vdot + w x v is the rate here, see `Joint`.
     pi = `mechanism.inertias.to_dynamic_parameters().ravel()` has ten parameters for each of the n bodies, in the order
     of `mechanism.body_names`, about the origin of the body's joint frame, in its axes.
 

@@ -32,7 +32,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 Checked = Any  # an array that `checked` returned in place of an ArrayLike
 Scene = tuple[Mechanism, Compliance | None]
-At = tuple[Checked, Checked, Checked, Checked]  # q, v, tau, and `transport` or None
+At = tuple[Checked, Checked, Checked]  # q, v, tau
 
 # Error bounds of velocities: in general, of linear ones whose axes turn, and what turning beyond half a turn adds.
 # In every precision.
@@ -165,10 +165,10 @@ def stepped_velocities(
     turning = transport(precision, mechanism, q, v) if mechanism.topology.turns_axes else None
     accelerated = functools.partial(_accelerated, mechanism, precision)
     if c is None or (c.ndim == 1 and h.ndim == 1):
-        vdot = accelerated((q, v, tau, turning), h, c, forces)
+        vdot = accelerated((q, v, tau), h, c, forces)
     else:
         # Damping coefficients, or times, differ within the batch.
-        vdot = over_batch(accelerated, (q, v, tau, turning), h, c, forces)
+        vdot = over_batch(accelerated, (q, v, tau), h, c, forces)
     after = euler(precision, v, h, vdot if turning is None else plus(precision, turning, vdot))
     return SteppedVelocities(after, turning, vdot, tau)
 
@@ -192,13 +192,11 @@ def _accelerated(
     mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
 ) -> jax.Array:
     """The accelerations under implicit damping, with one time and the same damping for all states."""
-    q, v, tau, turning = at
+    q, v, tau = at
     if c is not None:
-        # (M + h c) vdot = tau - c v - ...: as with armature increased by h c. v is the velocity at the end of the step
-        # for vdot = 0.
+        # (M + h c) vdot = tau - c v - ...: as with armature increased by h c, on which axes that turn act alike.
         armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
-        still = without_accelerations(precision, v, h, turning)
-        tau, mechanism = _damped(precision, tau, c, still), mechanism.replace(armature=armature)
+        tau, mechanism = _damped(precision, tau, c, v), mechanism.replace(armature=armature)
     return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
 
 

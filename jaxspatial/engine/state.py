@@ -79,6 +79,13 @@ class Link(NamedTuple):
         """The pose of the body in its parent."""
         return across(self.placement, self.joint)
 
+    @property
+    def rotor_forces(self) -> Numbers:
+        """The forces that move the armature: armature times the rates of v, of linear velocities in the axes of the
+        parent."""
+        turning = self.joint.kind.transport(self.v, self.v)
+        return tuple(i * (x + y) for i, x, y in zip(self.armature, self.vdot, turning, strict=True))
+
 
 class MechanismState:
     """A mechanism of some topology in B states; its methods give the numbers of one bundle.

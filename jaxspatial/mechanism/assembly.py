@@ -12,7 +12,18 @@ import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import KINDS, OF_EVERY_JOINT, Parameter
-from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, Mimic, known, numbers, parameter, spring_reference
+from jaxspatial.mechanism.parts import (
+    WORLD,
+    Body,
+    Frame,
+    Joint,
+    Mimic,
+    check_armature,
+    known,
+    numbers,
+    parameter,
+    spring_reference,
+)
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.rounded import in_double
@@ -181,6 +192,8 @@ class _Tree:
 
     def arrays(self) -> dict[str, Any]:
         leaders = [joint for joint in self.moving if joint.name not in self.mimics]
+        for joint in leaders:
+            check_armature(joint)
         mimics = [(joint, self.mimics[joint.name]) for joint in self.moving if joint.name in self.mimics]
         alone, turn_limits = Mimic(""), np.array([joint.turn_limit for joint in self.moving], np.float64)
         return {

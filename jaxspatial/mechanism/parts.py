@@ -81,7 +81,9 @@ class Joint:
         child_placement: X_JB at zero, the pose of the child's frame on its side of the joint; None where they coincide.
         axis, second_axis: directions in J of any length; the second serves "universal" only.
         pitch: of "helical", metres per radian.
-        armature: inertia of the rotor, at the joint's side of the gears, kg m2 or kg; per velocity.
+        armature: inertia of the rotor, at the joint's side of the gears, kg m2 or kg; per velocity. The force is
+            armature times the rate of the velocity: of the linear ones of "free" and "planar", whose axes turn, in the
+            axes of the parent, so that these have one number for all.
         damping: N m s or N s/m; per velocity.
         friction_loss: N m or N; per velocity.
         stiffness: of springs, N m/rad or N/m; per velocity. For "ball" and "free" see `passive_forces`.
@@ -163,6 +165,14 @@ def numbers(joint: Joint, name: str, size: str) -> np.ndarray:
     if value.shape not in ((), (n,)):
         raise ValueError(f"Joint {joint.name!r}: {name}: expected a number or {n} of them, got shape {value.shape}")
     return np.broadcast_to(value, (n,))
+
+
+def check_armature(joint: Joint):
+    """Checks that one along axes that turn is the same along all of them: else it would make energy."""
+    turned = [numbers(joint, "armature", "nv")[k] for k in KINDS[joint.kind].turned]
+    if len(set(turned)) > 1:
+        expected = f"one number for the linear velocities of {joint.kind!r}, whose axes turn"
+        raise ValueError(f"Joint {joint.name!r}: armature: expected {expected}, got {np.array(turned).tolist()}")
 
 
 def spring_reference(joint: Joint) -> np.ndarray:

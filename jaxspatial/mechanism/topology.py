@@ -221,7 +221,7 @@ class Topology:
     @functools.cached_property
     def turns_axes(self):
         """Whether the linear velocities of any joint are along axes that the joint itself turns."""
-        return any(self.kind(i).turns_its_axes for i in range(len(self)))
+        return any(self.kind(i).turned for i in range(len(self)))
 
     @functools.cached_property
     def has_subspaces_of_q(self):

@@ -11,6 +11,7 @@ import pytest
 import jaxspatial as js
 from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.mechanism import editing
+from jaxspatial.mechanism.joints import KINDS
 from tests.helpers import exact_dynamics as exact
 from tests.helpers import tangents
 from tests.helpers.counting import asked_for, done
@@ -74,6 +75,54 @@ def test_armature_of_a_floating_root():
     gravity = js.gravity_forces(mech, q)
     assert abs(M @ found + gravity - tau).max() <= 64 * 2.0**-53 * abs(M).max() * abs(found).max()
     np.testing.assert_allclose(js.mass_matrix(heavier, q), M, rtol=1e-15)
+
+
+@pytest.mark.parametrize("kind", ["free", "planar"])
+def test_armature_along_axes_that_turn(kind, monkeypatch):
+    """It is as the inertia of a ball about the joint, without weight. Without armature it leaves no operation."""
+    rng, a, zero, n = np.random.default_rng(9), 0.3, np.zeros(3), KINDS[kind].nv
+    own = body(rng)
+
+    def floating(inertia, armature):
+        joint = js.Joint("root", kind, "world", "base", armature=armature)
+        return js.Mechanism.build([js.Body("base", inertia)], [joint], gravity=zero, dtype=np.float64)
+
+    held, bare = floating(own, a), floating(own, 0.0)
+    ball = floating(own + js.SpatialInertia(np.float64(a), zero, a * np.eye(3)), 0.0)
+    q, v = np.asarray(held.neutral()) + 0.1 * rng.standard_normal(held.nq), rng.standard_normal((3, n))
+    for function, *x in (
+        (js.inverse_dynamics, *v[:2]), (js.forward_dynamics, *v[:2]), (js.inverse_dynamics_derivatives, *v[:2]),
+        (js.MomentumObserver.start, v[0]), (js.kinetic_energy, v[0]),
+        *((step, *v[:2], 0.01) for step in (js.semi_implicit_step, js.rk4_step, js.symplectic_step)),
+    ):  # fmt: skip
+        jax.tree.map(
+            functools.partial(np.testing.assert_allclose, rtol=1e-13, atol=1e-13),
+            interpreted(functools.partial(function, held))(q, *x),
+            interpreted(functools.partial(function, ball))(q, *x),
+        )
+
+    def operations(mech):
+        return done(lambda q, v: (js.forward_dynamics(mech, q, v, v), js.bias_forces(mech, q, v)), q, v[0])
+
+    found = operations(bare)
+    assert sum(operations(held).values()) > sum(found.values())
+    monkeypatch.setattr(KINDS[kind], "transport", lambda joint, v, u: (joint.zero,) * n)
+    assert found == operations(floating(own, 0.0))
+
+
+def test_contact_pushes_armature_too():
+    """A spinning box without weight, its mass at its origin: (m + armature) (u' - u) = dt f in the world's axes."""
+    box = js.SpatialInertia.solid_box(np.array([0.4, 0.3, 0.2]), mass=np.float64(2))
+    root = js.Joint("root", "free", "world", "box", armature=0.5)
+    mech = js.Mechanism.build([js.Body("box", box)], [root], gravity=np.zeros(3), dtype=np.float64)
+    contacts = js.PointContacts(
+        ["box"], np.array([[0.2, 0.15, -0.1]]), stiffness=1e4, relaxation_time=0.01, friction=0.5
+    )
+    q, v = np.array([0.96, 0, 0.28, 0, 0, 0, 0.09]), np.array([2.0, 4, 6, 1, 0.4, -2])
+    found = interpreted(lambda *x: js.convex_step(mech, *x, 0.01, contacts=contacts))(q, v, np.zeros(6))
+    u, after = (np.asarray(js.Rotation.from_quaternion(x[:4]) @ y[3:]) for x, y in ((q, v), (found.q, found.v)))
+    assert abs(found.contact_forces.f).min() > 1
+    np.testing.assert_allclose(2.5 * (after - u), 0.01 * found.contact_forces.f[0], rtol=1e-9)
 
 
 def chain(n, dtype=np.float64, seed=0):

@@ -342,6 +342,10 @@ REFUSED = {
         ([A], [js.Joint("j", "ball", "world", "a", spring_reference=(1.0, 1, 0, 0))]),
         ValueError, "Joint 'j': spring_reference: expected a unit quaternion first, got .1.0, 1.0",
     ),
+    "armature along axes that turn": (
+        ([A], [js.Joint("j", "free", "world", "a", armature=(1.0, 2, 3, 4, 4, 5))]),
+        ValueError, "Joint 'j': armature: expected one number for the linear .* 'free', .* got .4.0, 4.0, 5.0",
+    ),
     "limits": (([A], [revolute("j", "world", "a", lower=(1.0, 2.0))]), ValueError, r"'j': lower: .*got shape \(2,\)"),
     "gravity": (([A], [J], (), (0.0, 1.0)), ValueError, r"Mechanism.build: gravity: expected shape .* got \(2,\)"),
 }  # fmt: skip

@@ -53,7 +53,7 @@ def text(bodies, rest, has_armature, seed=7):
 
     def joint(kind):
         if kind == "free":
-            return f'<freejoint name="j{next(count)}"/>'
+            return f'<joint name="j{next(count)}" type="free" armature="{rng.uniform(0.2, 0.5)}"/>'
         ref = "" if kind == "ball" else f' ref="{rng.standard_normal()}"'
         axis = "" if kind == "ball" else f' axis="{numbers(3)}"'
         armature = f' armature="{rng.uniform(0, 0.2)}"' if has_armature else ""
@@ -389,7 +389,7 @@ def test_states_there_and_back(name):
 
 
 FLYING = """<mujoco><compiler angle="radian"/><option timestep="0.002" gravity="0 0.5 -9.81"/><worldbody>
-  <body pos="0 0 1"><joint type="free" damping="DAMPING"/>
+  <body pos="0 0 1"><joint type="free" damping="DAMPING" armature="ARMATURE"/>
     <inertial pos=".01 .02 .03" mass="2" diaginertia=".1 .12 .15"/>
     <body pos=".2 0 .3"><joint axis="0 1 0" damping="DAMPING"/>
       <inertial pos=".1 0 .05" mass="1" diaginertia=".02 .03 .02"/>
@@ -421,12 +421,14 @@ def compared_steps(model, qpos, qvel):
 
 
 @pytest.mark.parametrize("damping", [marks.slow("0"), "0.7"])
-def test_steps_of_what_floats(damping):
-    """A free base with a hinge and a ball: as mj_step, by Euler's method, implicit damping too; 100 steps."""
-    model, mech = both(FLYING.replace("DAMPING", damping))
+@pytest.mark.parametrize("armature", [marks.slow("0"), "0.3"])
+def test_steps_of_what_floats(damping, armature):
+    """A free base with a hinge and a ball: as mj_step, by Euler's method, implicit damping too; 500 steps."""
+    model, mech = both(FLYING.replace("DAMPING", damping).replace("ARMATURE", armature))
+    np.testing.assert_array_equal(mech.armature[:6], float(armature))
     q = js.random_configuration(mech, jax.random.key(1), (), np.float64)
     v = jnp.asarray(2 * np.random.default_rng(0).standard_normal(mech.nv))
-    Q, V = stepped(mech, q, v, 0.002)
+    Q, V = stepped(mech, q, v, 0.002, 500)
     worst = compared_steps(model, np.asarray(states.to_qpos(mech, Q)), np.asarray(states.to_qvel(mech, Q, V)))
     assert worst <= 1e-11, worst
 
@@ -436,10 +438,11 @@ CARRIED = """<mujoco><compiler angle="radian"/><option timestep="0.002"/><worldb
     <body pos=".2 .1 0" quat=".8 .6 0 0">JOINTS
       <inertial pos=".3 -.1 .2" mass="1.5" diaginertia=".02 .03 .02"/></body></body>
 </worldbody></mujoco>"""
-SLIDES = [f'<joint type="slide" axis="{axis}" damping=".4"/>' for axis in ("1 0 0", "0 1 0", "0 0 1")]
+HELD_BACK = 'damping=".4" armature=".2"'
+SLIDES = [f'<joint type="slide" axis="{axis}" {HELD_BACK}/>' for axis in ("1 0 0", "0 1 0", "0 0 1")]
 CARRIERS = {
-    "planar": [*SLIDES[:2], '<joint axis="0 0 1" damping=".4"/>'],
-    "free": [*SLIDES, '<joint type="ball" damping=".4"/>'],
+    "planar": [*SLIDES[:2], f'<joint axis="0 0 1" {HELD_BACK}/>'],
+    "free": [*SLIDES, f'<joint type="ball" {HELD_BACK}/>'],
 }
 
 
@@ -458,7 +461,9 @@ def test_steps_of_planar_and_free_joints_on_a_body(kind):
         js.Joint(
             "hinge", "revolute", "world", "a", js.RigidTransform(identity, np.array([0.0, 0, 1])), axis=(0, 0.6, 0.8)
         ),
-        js.Joint("joint", kind, "a", "b", js.RigidTransform(turned, np.array([0.2, 0.1, 0])), damping=0.4),
+        js.Joint(
+            "joint", kind, "a", "b", js.RigidTransform(turned, np.array([0.2, 0.1, 0])), damping=0.4, armature=0.2
+        ),
     ]
     mech = js.Mechanism.build(bodies, joints, dtype=np.float64)
     q = js.random_configuration(mech, jax.random.key(1), (), np.float64)

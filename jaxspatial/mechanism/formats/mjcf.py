@@ -566,12 +566,11 @@ def _check_joints(file: _File):
             file.refuse("joint", j, "springyield: springs stay elastic here")
         if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
-        if file.kind(j) == "free" and (a := m.dof_armature[dofs].max()):
-            # MuJoCo's acts on rates of the velocity in world axes: the inertia of a ball at the origin, without weight.
-            inertia = f'pos="0 0 0" mass="{a:.6g}" diaginertia="{a:.6g} {a:.6g} {a:.6g}"'
-            ball = f'<body gravcomp="1"><inertial {inertia}/></body>'
-            reason = "expected 0 on a free joint; set it to 0 there, or put this into its body, which moves the same"
-            file.refuse("joint", j, f"armature: {reason}: {ball}")
+        for name in ("armature", "damping"):
+            # MuJoCo's are along the axes of the world, ours along those of the body.
+            linear = getattr(m, _OF_VELOCITIES[name])[dofs][:3].tolist()
+            if file.kind(j) == "free" and len(set(linear)) > 1:
+                file.refuse("joint", j, f"{name}: expected one number for all linear velocities, got {linear}")
         if file.kind(j) == "free" and m.dof_frictionloss[dofs].any():
             if file.strict:
                 file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes; leave it out")
@@ -849,9 +848,10 @@ def _numbers(file: _File, j: int, rotors: dict[str, np.ndarray]):
     """The fields of a joint that are numbers, by name."""
     m, kind, dofs = file.model, file.kind(j), file.dofs(j)
     rest = np.array(m.qpos_spring[file.coordinates(j)])
+    armature, damping = (np.roll(x[dofs], 3 * (kind == "free")) for x in (m.dof_armature, m.dof_damping))
     numbers: dict[str, Any] = {
-        "armature": m.dof_armature[dofs] + rotors["armature"][j],
-        "damping": (m.dof_damping[dofs] + rotors["damping"][j]) * file.has("DAMPER", "PASSIVE"),
+        "armature": armature + rotors["armature"][j],
+        "damping": (damping + rotors["damping"][j]) * file.has("DAMPER", "PASSIVE"),
         "friction_loss": m.dof_frictionloss[dofs] * (kind != "free" and file.has("FRICTIONLOSS", "CONSTRAINT")),
         "stiffness": m.jnt_stiffness[j] * file.has("SPRING", "PASSIVE"),
         "spring_reference": np.roll(rest, 4) if kind == "free" else rest,  # the quaternion first

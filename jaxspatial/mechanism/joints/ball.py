@@ -55,7 +55,7 @@ class Ball(JointKind):
 class Free(Ball):
     """Holds nothing: q = (quaternion wxyz, p_PoBo_P), v = V_PB_B in the child's axes, angular first."""
 
-    name, nq, nv, is_unconstrained, turns_its_axes = "free", 7, 6, True, True
+    name, nq, nv, is_unconstrained, turned = "free", 7, 6, True, (3, 4, 5)
     neutral = (1.0, *[0.0] * 6)
 
     def transform(self, q: Numbers, cos_sin: CosSin):
@@ -75,8 +75,8 @@ class Free(Ball):
         turned = unit(quaternion.hamilton_product(q[:4], turn))
         return *turned, *(Vector(*q[4:]) + quaternion.to_matrix(q[:4]) @ p)
 
-    def transport(self, v: Numbers):
-        return *self.zero_vector, *cross(v[:3], v[3:])
+    def transport(self, v: Numbers, u: Numbers):
+        return *self.zero_vector, *cross(v[:3], u[3:])
 
     def advance(self, q: Numbers, v: Numbers, dt: Number):
         step = Motion(dt * Vector(*v[:3]), dt * Vector(*v[3:]))

@@ -82,8 +82,8 @@ class JointKind:
     subspace_needs_q: whether `motion_subspace`, `motion_subspace_rate` and `constraint_subspace` take q before their
         other arguments: of S that depends on coordinates which are no angles. Whole Jacobians of inverse dynamics are
         then computed column by column, and not in closed form
-    turns_its_axes: whether linear velocities are along axes that the joint itself turns: then it overrides `transport`
-        and `advance`
+    turned: which velocities are linear, along axes that the joint itself turns: then it overrides `transport` and
+        `advance`
     """
 
     name: str
@@ -99,7 +99,7 @@ class JointKind:
     is_sequential: bool = True
     rates_need_angles: bool = False
     subspace_needs_q: bool = False
-    turns_its_axes: bool = False
+    turned: tuple[int, ...] = ()
 
     # Numbers of a joint; the parameters where its kind has them.
     zero: Number
@@ -182,8 +182,9 @@ class JointKind:
         """q after a step: the motion S step, constant in B where S is."""
         return tuple(each(operator.add, q, step))
 
-    def transport(self, v: Numbers) -> Numbers:
-        """-dv/dt while the motion is constant in the parent's axes: w x v for linear velocities."""
+    def transport(self, v: Numbers, u: Numbers) -> Numbers:
+        """-du/dt of velocities u that are constant in the parent's axes, while the joint moves with v: w x u for linear
+        ones. It is linear in v and in u."""
         return (self.zero,) * self.nv
 
     def advance(self, q: Numbers, v: Numbers, dt: Number) -> tuple[Numbers, Numbers]:

@@ -15,7 +15,7 @@ class Planar(JointKind):
     """
 
     name, nq, nv, angles, neutral = "planar", 3, 3, (2,), (0.0, 0.0, 0.0)
-    is_sequential, rates_need_angles, turns_its_axes = False, True, True
+    is_sequential, rates_need_angles, turned = False, True, (0, 1)
 
     def transform(self, q: Numbers, cos_sin: CosSin):
         return Pose(rotation_about(self.unit_vector(2), *cos_sin[2]), Vector(q[0], q[1], self.zero))
@@ -38,8 +38,8 @@ class Planar(JointKind):
         x, y, _ = exponential.translation(turn, arm)
         return q[0] + (c * x - s * y), q[1] + (s * x + c * y), q[2] + step[2]
 
-    def transport(self, v: Numbers):
-        return -(v[2] * v[1]), v[2] * v[0], self.zero
+    def transport(self, v: Numbers, u: Numbers):
+        return -(v[2] * u[1]), v[2] * u[0], self.zero
 
     def advance(self, q: Numbers, v: Numbers, dt: Number):
         (c, s), turn = cosine_sine(q[2]), dt * v[2]
