@@ -378,6 +378,8 @@ def test_refused(change, message):
         read(ARM, change)
     assert re.search(message, str(error.value)), str(error.value)
     assert re.search(r"\bline \d+\b", str(error.value))
+    # What to do: what was expected, or a way out.
+    assert re.search("expected|; |MuJoCo says", str(error.value))
 
 
 # What is left out though it changes the motion: (change, how the warning lists it, the message where it is refused).

@@ -281,6 +281,8 @@ def test_refused(change, message):
         read(ARM, *(change if isinstance(change[0], tuple) else [change]))
     assert re.search(message, str(error.value)), str(error.value)
     assert re.search(r"\bline \d+\b", str(error.value))
+    # What to do: what was expected, or a way out.
+    assert re.search("expected|; ", str(error.value))
 
 
 # What is read though the format does not allow it: (change, the message where it is refused, doubts, unknown words).
@@ -288,7 +290,7 @@ FOUND = {
     "no name of the robot": ((' name="arm"', ""), "line 1: <robot>: name: expected one", {}, {}),
     "version of XML": (("<robot", '<?xml version="0.0"?><robot'), "malformed XML: Unsupported version", {}, {}),
     "comment": (("<!-- two", "<!-- -- two"), "malformed XML: Double hyphen", {}, {}),
-    "namespace": (("<robot", '<robot xmlns="http://a.b"'), "line 1: <robot>: expected <robot>", {}, {}),
+    "namespace": (("<robot", '<robot xmlns="http://a.b"'), "line 1: .*expected <robot> without a namespace", {}, {}),
     "prefix": (
         ("<transmission", "<drake:collision_filter_group/><transmission"), "malformed XML: Namespace prefix drake",
         {}, {"<drake:collision_filter_group>": ("line 17",)},
@@ -326,7 +328,7 @@ FOUND = {
         ('<mass value="2"/>', '<mass value="2"><x/></mass>'), "line 5: <x>: .*expected nothing", {}, {"<x>": ("upper",)}
     ),
     "text": (
-        ('<mass value="2"/>', '<mass value="2"/>3'), "line 5: <inertial>: expected no text, got '3'; take it out",
+        ('<mass value="2"/>', '<mass value="2"/>3'), "line 5: <inertial>: expected no text, got '3'; mend it",
         {}, {"text": ("upper",)},
     ),
     "misspelt xyz": (
@@ -375,7 +377,7 @@ FOUND = {
         ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 2"/><axis xyz="0 0 2"/>'), "line 12: <axis>: <axis> comes twice", {}, {}
     ),
     "two inertials": (
-        (INERTIAL, INERTIAL + INERTIAL.replace('"2"', '"3"')), "line 6: <inertial>: <inertial> comes twice; take one",
+        (INERTIAL, INERTIAL + INERTIAL.replace('"2"', '"3"')), "line 6: <inertial>: <inertial> comes twice; mend it",
         {"<inertial> comes twice, the first is taken": ("upper",)}, {},
     ),
     "two masses": (
@@ -410,6 +412,8 @@ def test_what_files_have_is_read_and_refused_where_strict(change, message, doubt
     with pytest.raises(ValueError, match="^from_urdf: ") as error:
         read(ARM, change, strict=True)
     assert re.search(message, str(error.value)), str(error.value)
+    # Or what XML does not allow, for any reader.
+    assert re.search("read the file without strict=True|there is no link 'world'|malformed XML", str(error.value))
 
 
 def test_what_is_read_so_has_these_numbers():

@@ -508,16 +508,16 @@ def _check(file: _File):
     for name in ("density", "viscosity"):
         if getattr(m.opt, name) != 0:
             if file.strict:
-                file.refuse_element(file.option(name), f"{name}: there is no drag here, expected 0")
+                file.refuse_strictly(file.option(name), f"{name}: there is no drag here, expected 0")
             file.miss("drag", f"{name} of the medium")
     if not (abs(file.gravity) <= file.largest).all():
         file.refuse_element(file.option("gravity"), f"gravity: {_finite(file)}, got {file.gravity.tolist()}")
     if m.nflex:
-        file.refuse_element([file.root, *file.root.iter("flex", "flexcomp")][-1], "bodies are rigid here")
+        file.refuse_element([file.root, *file.root.iter("flex", "flexcomp")][-1], "bodies are rigid here; take it out")
     _check_numbers(file)
     for i in range(m.nbody):
         if m.body_plugin[i] >= 0:
-            file.refuse("body", i, "plugin: what it does to the motion is not known")
+            file.refuse("body", i, "plugin: what it does to the motion is not known; take it out")
     _check_joints(file)
     _check_tendons(file)
 
@@ -563,7 +563,7 @@ def _check_joints(file: _File):
         if has_springs and file.numbers("jnt_stiffnesspoly")[j].any():
             file.refuse("joint", j, "stiffness: expected one number, springs are linear here")
         if has_springs and file.numbers("jnt_springyield")[j].any():
-            file.refuse("joint", j, "springyield: springs stay elastic here")
+            file.refuse("joint", j, "springyield: expected none, springs stay elastic here")
         if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
         for name in ("armature", "damping"):
@@ -735,7 +735,7 @@ def _mimics(file: _File) -> dict[int, Mimic]:
             is_of_tendon = m.eq_type[i] == int(file.mujoco.mjtEq.mjEQ_TENDON)
             j, mimic = _held_tendon(file, i) if is_of_tendon else (m.eq_obj1id[i], _mimic(file, i))
             if j in mimics:
-                file.refuse("eq", i, f"joint1: {file.name('joint', j)!r} follows another joint already")
+                file.refuse("eq", i, f"joint1: {file.name('joint', j)!r} follows another joint already; leave one out")
             mimics[j] = mimic
     for j, (i, leader, _, _) in mimics.items():
         passed = [j]
@@ -756,11 +756,11 @@ def _mimic(file: _File, i: int):
     m = file.model
     j, leader = m.eq_obj1id[i], m.eq_obj2id[i]
     if m.eq_type[i] != int(file.mujoco.mjtEq.mjEQ_JOINT):
-        file.refuse("eq", i, "expected joints that follow others, and bodies that are connected or welded")
+        file.refuse("eq", i, "expected joints that follow others, or bodies that are connected or welded; leave it out")
     a0, a1, *higher = m.eq_data[i, :5]
     if any(higher):
         expected = "expected a polynomial of at most first degree"
-        file.refuse("eq", i, f"polycoef: {expected}, got {m.eq_data[i, :5].tolist()}")
+        file.refuse("eq", i, f"polycoef: {expected}, got {m.eq_data[i, :5].tolist()}; cut the others, or leave it out")
     if leader < 0:
         file.refuse("eq", i, f"joint2: expected a joint to follow; leave out {file.name('joint', j)!r}, that is held")
     return i, leader, a1, a0 + _reference(file, j) - a1 * _reference(file, leader)

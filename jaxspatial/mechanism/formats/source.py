@@ -40,6 +40,7 @@ _HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_UNKNOWN_VERSION", "ERR_VERSION_M
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 # Entries of a rotation so near to 0 or 1 come from rounding quarter turns.
 _ROUNDING = 8 * np.finfo(float).eps
+_WIDER = "take a wider dtype, or smaller numbers"
 # Numbers per generalized velocity or coordinate that are sums over a joint, its actuators and its mimics.
 _OF_JOINTS = {"armature": "v", "damping": "v", "friction_loss": "v", "stiffness": "v", "spring_references": "q"}
 
@@ -95,6 +96,8 @@ class ModelText:
         tag, expected = self.root.tag, {reader: tag for tag, (_, reader) in _FORMATS.items()}[operation]
         if tag != expected:
             hint = "; this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
+            if strict and tag.endswith(f"}}{expected}"):
+                self.refuse_strictly(self.root, f"expected <{expected}> without a namespace")
             self.refuse_element(self.root, f"expected <{expected}>{hint}")
         finfo: Any = jnp.finfo(jax.dtypes.canonicalize_dtype(float if dtype is None else dtype))
         self.smallest, self.largest = float(finfo.tiny), float(finfo.max)  # normal numbers of the dtype
@@ -119,6 +122,13 @@ class ModelText:
 
     def refuse_element(self, element: Element, reason: str) -> NoReturn:
         raise ValueError(f"{self.operation}: {self.line(element)}: <{word_of(element)}>: {reason}")
+
+    def refuse_strictly(self, element: Element, reason: str) -> NoReturn:
+        """Refuses what is read unless `strict`."""
+        reason = f"{reason}; mend it, or read the file without strict=True"
+        if name := element.get("name"):
+            self.refuse_named(self.line(element), word_of(element), name, reason)
+        self.refuse_element(element, reason)
 
     def refuse_named(self, place: str, tag: str, name: str, reason: str) -> NoReturn:
         raise ValueError(f'{self.operation}: {place}: <{tag} name="{name}">: {reason}')
@@ -229,14 +239,14 @@ def built(build: Callable[..., Made], refuse: Refuse, *parts: Any) -> Made:
         for leaf in jax.tree.leaves(getattr(mechanism, field)):
             bad = ~np.isfinite(leaf).all(tuple(range(1, leaf.ndim)))
             if bad.any():
-                reason = f"{field}: with what is welded to it beyond the numbers of {mechanism.dtype}"
+                reason = f"{field}: with what is welded to it beyond the numbers of {mechanism.dtype}; {_WIDER}"
                 refuse(what, getattr(mechanism, f"{what}_names")[int(bad.argmax())], reason)
     for field, size in _OF_JOINTS.items():
         array, place = getattr(mechanism, field), getattr(mechanism.topology, f"{size}_slice")
         for i, name in enumerate(mechanism.joint_names):
             if not np.isfinite(array[place(i)]).all():
                 reason = f"{field}: with what drives it and follows it beyond the numbers of {mechanism.dtype}"
-                refuse("joint", name, reason)
+                refuse("joint", name, f"{reason}; {_WIDER}")
     return mechanism
 
 

@@ -121,6 +121,7 @@ _SCHEMAS = {
     "mimic": _Schema({"joint"}, numbers={"multiplier": 1, "offset": 1}),
 }
 _UNLIMITED = {"inf": np.inf, "+inf": np.inf, "-inf": -np.inf}
+_LOOP = "a loop; take one of its joints out, and close it by a LoopClosure"
 # How near an unknown word has to be to one of the format (1 where they are the same) for it to be taken for a slip.
 _NEARLY = 0.65
 # Shorter quaternions than this have no direction that digits can tell.
@@ -154,7 +155,7 @@ def read(
         raise ValueError('from_urdf: floating_base: the root link is "world", which cannot float')
     if root != WORLD:
         if floating_base and any(part.name == _ROOT for part in parts):
-            file.refuse_part("joint", _ROOT, "name: that of the joint which holds a floating base")
+            file.refuse_part("joint", _ROOT, "name: that of the joint which holds a floating base; name it otherwise")
         # A weld has no name: no joint of a file can have the same.
         parts.insert(0, Joint(_ROOT, "free", WORLD, root) if floating_base else Joint("", "fixed", WORLD, root))
     mechanism = built(build, file.refuse_part, bodies, parts, (), gravity, dtype)
@@ -209,15 +210,17 @@ class _File(ModelText):
     def take_as(self, element: Element, kind: str, reason: str):
         """What the format does not allow, and files have: doubtful, refused where `strict`."""
         if self.strict:
-            self.refuse_element(element, reason)
+            self.refuse_strictly(element, reason)
         self.doubt(kind, self.place(element))
 
     def check(self, element: Element):
         """Checks an element and all that is in it; removes what is left out."""
         schema = _SCHEMAS[element.tag]
-        needs_name = element.tag in ("link", "joint") or (self.strict and element.tag == "robot")
-        if needs_name and not element.get("name"):
-            self.refuse_element(element, "name: expected one")
+        if element.tag in ("robot", "link", "joint") and not element.get("name"):
+            if element.tag != "robot":
+                self.refuse_element(element, "name: expected one")
+            if self.strict:
+                self.refuse_strictly(element, "name: expected one")
         self._check_attributes(element, schema)
         for name in schema.required:
             if element.get(name) is None:
@@ -228,7 +231,7 @@ class _File(ModelText):
         texts = [element.text, *(part.tail for part in element)]
         if stray := " ".join(text.strip() for text in texts if text).strip():
             if self.strict:
-                self.refuse_element(element, f"expected no text, got {stray[:40]!r}; take it out")
+                self.refuse_strictly(element, f"expected no text, got {stray[:40]!r}")
             self.miss("text", self.place(element))
         self._check_parts(element, schema)
         for part in element.iterchildren("*"):
@@ -249,7 +252,7 @@ class _File(ModelText):
                 word = word_of(element, name)
                 if self.strict:
                     expected = f"expected one of {', '.join(sorted(known))}" if known else "expected none"
-                    self.refuse_element(element, f"{word}: there is no such attribute, {expected}")
+                    self.refuse_strictly(element, f"{word}: there is no such attribute, {expected}")
                 self._miss_word(element, f"{word} of <{element.tag}>", name, known - {*element.attrib})
         for name in schema.numbers:
             if element.get(name) is not None:
@@ -267,7 +270,8 @@ class _File(ModelText):
         is_unlimited = is_limit and text.strip() in _UNLIMITED
         values = [_UNLIMITED[text.strip()]] if is_unlimited else numbers_of(text)
         if values is None or len(values) != n:
-            hint = "; this is a text for the tool xacro: run it first" if "$" in text else ""
+            hint = "; numbers have blanks between them" if "," in text else ""
+            hint = "; this is a text for the tool xacro: run it first" if "$" in text else hint
             self.refuse_element(element, f"{name}: expected {_counted(n)}, got {text!r}{hint}")
         largest = np.finfo(float).max if is_limit else self.largest
         if not is_unlimited and max(map(abs, values)) > largest:
@@ -294,9 +298,10 @@ class _File(ModelText):
             is_one_of_many = part.tag in ("link", "joint")
             key = (part.tag, part.get("name")) if is_one_of_many else part.tag
             if key in seen:
-                if self.strict or is_one_of_many:
-                    what = f"name: {part.get('name')!r}" if is_one_of_many else f"<{part.tag}>"
-                    self.refuse_element(part, f"{what} comes twice; take one of them out")
+                if is_one_of_many:
+                    self.refuse_element(part, f"name: {part.get('name')!r} comes twice; take one of them out")
+                if self.strict:
+                    self.refuse_strictly(part, f"<{part.tag}> comes twice")
                 if not _is_same(part, seen[key]):
                     self.doubt(f"<{part.tag}> comes twice, the first is taken", self.place(part))
                 element.remove(part)
@@ -307,8 +312,12 @@ class _File(ModelText):
         """A part that the format does not know: left out, or refused."""
         local, has_prefix = word.rpartition(":")[2], ":" in word
         is_of_xacro = "xacro" in part.tag
-        if self.strict or (is_of_xacro and self.is_for_xacro):
-            self.refuse_element(part, _no_counterpart(part, element, known))
+        if is_of_xacro and (self.strict or self.is_for_xacro):
+            self.refuse_element(part, "this is a text for the tool xacro, that makes a URDF of it; run it first")
+        if self.strict:
+            expected = f"expected one of {', '.join(sorted(known))}" if known else "expected nothing"
+            reason = f"there is no counterpart here for this part of a {element.tag}, {expected}"
+            self.refuse_strictly(part, reason)
         if is_of_xacro:
             self.doubt("macro that xacro did not know", f"{word} in line {part.sourceline}")
         if local in _MOVING or (has_prefix and local in _MOVING_WITH_PREFIX):
@@ -329,7 +338,7 @@ class _File(ModelText):
         link, mass, moments = element.getparent(), element.find("mass"), element.find("inertia")
         if mass is None or moments is None:
             if self.strict:
-                self.refuse(link, "inertial: expected mass and inertia")
+                self.refuse_strictly(link, "inertial: expected mass and inertia")
             lacks = [what for what, x in (("mass", mass), ("inertia", moments)) if x is None]
             self.doubt(f"<inertial> without {' and '.join(lacks)}, taken as 0", self.place(element))
         value = 0.0 if mass is None else float(mass.get("value"))
@@ -364,13 +373,6 @@ def _is_same(a: Element, b: Element) -> bool:
     return is_same and all(map(_is_same, a, b))
 
 
-def _no_counterpart(part: Element, element: Element, known: Set[str]):
-    if "xacro" in part.tag:
-        return "this is a text for the tool xacro, that makes a URDF of it: run it first"
-    expected = f"expected one of {', '.join(sorted(known))}" if known else "expected nothing"
-    return f"there is no counterpart here for this part of a {element.tag}, {expected}"
-
-
 def _counted(n: int):
     return f"{n} number{'s' * (n > 1)}"
 
@@ -394,15 +396,14 @@ def _check_tree(file: _File, links: list[Element], joints: list[Element]):
         for side, there in (("parent", parents), ("child", names - {WORLD})):
             name = _end(joint, side)
             if name not in there:
-                near = check.did_you_mean(name, names)
+                way_out = check.did_you_mean(name, names) or "; declare it, or mend the name"
                 is_held = (side, name) == ("child", WORLD)
-                reason = "the world hangs on nothing" if is_held else f"there is no link {name!r}{near}"
+                missing = f"there is no link {name!r}{way_out}"
+                reason = "the world hangs on nothing; make it the parent" if is_held else missing
                 file.refuse(joint, f"{side}: {reason}")
         child = _end(joint, "child")
         if child in held:
-            file.refuse(
-                joint, f"child: {child!r} hangs on {held[child].get('name')!r} already: a loop; see LoopClosure"
-            )
+            file.refuse(joint, f"child: {child!r} hangs on {held[child].get('name')!r} already: {_LOOP}")
         held[child] = joint
     safe = set[str]()
     for link in held:
@@ -410,7 +411,7 @@ def _check_tree(file: _File, links: list[Element], joints: list[Element]):
         while link in held and link not in safe:
             if link in way:
                 loop = ", ".join(map(repr, way[way.index(link) :]))
-                file.refuse(held[link], f"child: {loop} hold each other: a loop; see LoopClosure")
+                file.refuse(held[link], f"child: {loop} hold each other: {_LOOP}")
             way.append(link)
             link = _end(held[link], "parent")
         safe.update(way)
@@ -423,7 +424,8 @@ def _check_mimics(file: _File, joints: list[Element]):
     for name, leader in followed.items():
         joint = of[name]
         if leader not in of:
-            file.refuse(joint, f"mimic: there is no joint {leader!r}{check.did_you_mean(leader, of)}")
+            way_out = check.did_you_mean(leader, of) or "; mend the name, or take the mimic out"
+            file.refuse(joint, f"mimic: there is no joint {leader!r}{way_out}")
         if joint.get("type") == "fixed":
             continue
         passed = [name]
@@ -436,7 +438,9 @@ def _check_mimics(file: _File, joints: list[Element]):
             file.refuse(joint, f"mimic: expected two joints of one coordinate, the second its own, got {leader!r}")
         if leader in passed:
             ring = ", ".join(map(repr, passed[passed.index(leader) :]))
-            file.refuse(joint, f"mimic: expected a joint of its own coordinate at the end, got {ring} in a ring")
+            file.refuse(
+                joint, f"mimic: expected a joint of its own coordinate at the end, got {ring} in a ring; cut it"
+            )
 
 
 def _root(file: _File, links: list[Element], joints: list[Element]) -> str:
@@ -446,7 +450,7 @@ def _root(file: _File, links: list[Element], joints: list[Element]) -> str:
         names[WORLD] = None
     roots = [name for name in names if name not in children]
     if len(roots) != 1:
-        came = ", ".join(map(repr, roots)) or "no link at all"
+        came = f"{', '.join(map(repr, roots))}; hold all but one by joints" if roots else "no link at all"
         file.refuse_element(file.root, f"expected one link that is no joint's child, got {came}")
     return roots[0]
 
@@ -502,7 +506,7 @@ def _limits(file: _File, joint: Element, kind: str):
     if kind == "revolute" and limit is None:
         reason = "limit: a revolute joint needs one; without, it is continuous"
         if file.strict:
-            file.refuse(joint, reason)
+            file.refuse_strictly(joint, reason)
         file.doubt("revolute joint without <limit>, taken as unlimited", joint.get("name"))
     names = {"effort": "effort_limit", "velocity": "velocity_limit"}
     names |= {"lower": "lower", "upper": "upper"} if kind in ("revolute", "prismatic") else {}
@@ -510,8 +514,11 @@ def _limits(file: _File, joint: Element, kind: str):
     limits = {field: x for field, x in limits.items() if x is not None}
     lower, upper = limits.get("lower", -np.inf), limits.get("upper", np.inf)
     if not (lower <= upper and lower < np.inf and upper > -np.inf):
-        if file.strict or not np.isfinite([lower, upper]).all():
-            file.refuse(joint, f"limit: expected lower <= upper, got {lower} and {upper}")
+        reason = f"limit: expected lower <= upper, got {lower} and {upper}"
+        if not np.isfinite([lower, upper]).all():
+            file.refuse(joint, reason)
+        if file.strict:
+            file.refuse_strictly(joint, reason)
         file.doubt("lower limit above the upper one, taken as unlimited", joint.get("name"))
         del limits["lower"], limits["upper"]
     return limits
