@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.mechanism import AppliedForces, Mechanism, PointContacts
-from jaxspatial.mechanism.formats.shapes import path_of_mesh
+from jaxspatial.mechanism.formats.collision import path_of_mesh
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.components import as_array
 from jaxspatial.spatial import SpatialForce

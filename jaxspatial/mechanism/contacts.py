@@ -103,7 +103,7 @@ class PointContacts:
         rim: int = 8,
         corners: int = 16,
     ) -> Self:
-        """Makes spheres of the collision shapes of a URDF; see `jaxspatial.mechanism.formats.shapes`.
+        """Makes spheres of the collision shapes of a URDF; see `jaxspatial.mechanism.formats.collision`.
 
             feet = js.PointContacts.from_urdf(
                 mech, "dog.urdf", bodies=["FL_FOOT", "FR_FOOT"], stiffness=2e4, relaxation_time=0.01, friction=0.8
@@ -133,11 +133,11 @@ class PointContacts:
 
         Error: a few u of the size of a link in the positions.
         """
-        from jaxspatial.mechanism.formats import shapes, urdf
+        from jaxspatial.mechanism.formats import collision, urdf
 
         operation = "PointContacts.from_urdf"
-        taken = shapes.chosen(operation, urdf.read_shapes(path_or_text), mech.topology, bodies, geoms)
-        frames, p, radius, _ = shapes.spheres(operation, taken, rim, corners, mech.dtype)
+        taken = collision.chosen(operation, urdf.read_shapes(path_or_text), mech.topology, bodies, geoms)
+        frames, p, radius, _ = collision.spheres(operation, taken, rim, corners, mech.dtype)
         law = {"stiffness": stiffness, "relaxation_time": relaxation_time, "friction": friction}
         return cls(frames, p, radius, **law)
 
@@ -156,7 +156,7 @@ class PointContacts:
         corners: int = 16,
         assets: Mapping[str, bytes] | None = None,
     ) -> Self:
-        """Makes spheres of the geoms of an MJCF that may touch; see `jaxspatial.mechanism.formats.shapes`.
+        """Makes spheres of the geoms of an MJCF that may touch; see `jaxspatial.mechanism.formats.collision`.
 
             points = js.PointContacts.from_mjcf(mech, "scene.xml", stiffness=2e4, relaxation_time=0.01)
 
@@ -188,11 +188,11 @@ class PointContacts:
 
         Error: a few u of the size of a body in the positions.
         """
-        from jaxspatial.mechanism.formats import mjcf, shapes
+        from jaxspatial.mechanism.formats import collision, mjcf
 
         operation = "PointContacts.from_mjcf"
-        taken = shapes.chosen(operation, mjcf.read_shapes(path_or_text, assets), mech.topology, bodies, geoms)
-        frames, p, radius, own = shapes.spheres(operation, taken, rim, corners, mech.dtype)
+        taken = collision.chosen(operation, mjcf.read_shapes(path_or_text, assets), mech.topology, bodies, geoms)
+        frames, p, radius, own = collision.spheres(operation, taken, rim, corners, mech.dtype)
         law = {"stiffness": stiffness, "relaxation_time": relaxation_time}
         return cls(frames, p, radius, **law, friction=own if friction is None else friction)
 

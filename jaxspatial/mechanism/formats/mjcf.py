@@ -38,7 +38,7 @@ from typing import Any, NamedTuple, NoReturn
 import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.mechanism.formats.shapes import Shape
+from jaxspatial.mechanism.formats.collision import CollisionShape
 from jaxspatial.mechanism.formats.source import (
     Element,
     Made,
@@ -77,7 +77,7 @@ def read(
     return mechanism
 
 
-def read_shapes(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[Shape]:
+def read_shapes(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[CollisionShape]:
     """The geoms of an MJCF for `PointContacts.from_mjcf`, but those that are welded to the world: these are ground.
 
     Two geoms touch where contype of one and conaffinity of the other share a bit, unless an <exclude> names their
@@ -365,7 +365,7 @@ def _is_ground(file: _File, i: int) -> bool:
     return not file.model.body_weldid[file.model.geom_bodyid[i]]
 
 
-def _shape(file: _File, i: int, may_touch: bool) -> Shape:
+def _shape(file: _File, i: int, may_touch: bool) -> CollisionShape:
     m, type = file.model, file.mujoco.mjtGeom(int(file.model.geom_type[i]))
     a, b, c = m.geom_size[i].tolist()
     kinds = {
@@ -381,7 +381,7 @@ def _shape(file: _File, i: int, may_touch: bool) -> Shape:
     pose, body = _pose(m.geom_pos[i], m.geom_quat[i]), file.name("body", m.geom_bodyid[i])
     vertices = functools.partial(_vertices, file, int(m.geom_dataid[i])) if kind == "mesh" else None
     friction = float(m.geom_friction[i, 0])
-    return Shape(file.name("geom", i), body, pose, kind, tuple(size), vertices, friction, may_touch)
+    return CollisionShape(file.name("geom", i), body, pose, kind, tuple(size), vertices, friction, may_touch)
 
 
 def _vertices(file: _File, mesh: int) -> np.ndarray:

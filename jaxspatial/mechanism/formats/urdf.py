@@ -37,7 +37,7 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from jaxspatial.mechanism.formats.shapes import Shape, mesh_file
+from jaxspatial.mechanism.formats.collision import CollisionShape, mesh_file
 from jaxspatial.mechanism.formats.source import (
     IMPOSSIBLE,
     MASSLESS,
@@ -167,7 +167,7 @@ def read(
     return mechanism
 
 
-def read_shapes(path_or_text: str | pathlib.Path) -> list[Shape]:
+def read_shapes(path_or_text: str | pathlib.Path) -> list[CollisionShape]:
     """The collision shapes of a URDF for `PointContacts.from_urdf`. Those without a name are "<link>_<number>"."""
     file = _File(path_or_text, None, False)
     folder = pathlib.Path() if file.path is None else file.path.parent
@@ -566,7 +566,7 @@ _SIZES = {
 }
 
 
-def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -> Shape:
+def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -> CollisionShape:
     link = collision.getparent().get("name")
     for origin in collision.findall("origin"):
         file.check(origin)
@@ -580,12 +580,14 @@ def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -
     size = [x for name in _SIZES[kind] for x in _sizes(file, part, name, 3 if name == "size" else 1)]
     vertices = None
     if kind == "mesh":
-        name, scale = part.get("filename"), _sizes(file, part, "scale", 3) if part.get("scale") else 1.0
-        if not name:
+        path, scale = part.get("filename"), _sizes(file, part, "scale", 3) if part.get("scale") else 1.0
+        if not path:
             file.refuse_element(part, "filename: expected one")
         where = f"{file.line(part)}: <mesh>"
-        vertices = lambda: mesh_file(file.operation, name, folder, where) * np.array(scale)  # noqa: E731
-    return Shape(collision.get("name") or f"{link}_{number}", link, _pose(collision), kind, tuple(size), vertices)
+        vertices = lambda: mesh_file(file.operation, path, folder, where) * np.array(scale)  # noqa: E731
+    return CollisionShape(
+        collision.get("name") or f"{link}_{number}", link, _pose(collision), kind, tuple(size), vertices
+    )
 
 
 def _sizes(file: _File, part: Element, name: str, n: int) -> list[float]:

@@ -28,7 +28,7 @@ from jaxspatial.spatial import RigidTransform
 _FLAT, _SAME = 1e-9, 1e-9
 
 
-class Shape(NamedTuple):
+class CollisionShape(NamedTuple):
     """A collision shape of a file. size: m; of a sphere and a capsule the radius comes first."""
 
     name: str
@@ -41,7 +41,7 @@ class Shape(NamedTuple):
     may_touch: bool = True  # by the masks of the file
 
 
-def chosen(operation: str, shapes: list[Shape], t: Topology, bodies: Any, geoms: Any) -> list[Shape]:
+def chosen(operation: str, shapes: list[CollisionShape], t: Topology, bodies: Any, geoms: Any) -> list[CollisionShape]:
     """The shapes on these bodies, and those of these names, whatever their masks are; else all on bodies that move."""
     if bodies is None and geoms is None:
         moving = {name for name, carrier in t.frames if carrier >= 0}
@@ -71,7 +71,7 @@ def _known(what: str, names: Iterable[str] | None, there: tuple[str, ...], t: To
     return found
 
 
-def spheres(operation: str, shapes: list[Shape], rim: int, corners: int, dtype: np.dtype[Any]):
+def spheres(operation: str, shapes: list[CollisionShape], rim: int, corners: int, dtype: np.dtype[Any]):
     """(frames, positions (n, 3), radius (n,), friction (n,)) of the spheres of shapes, in their order."""
     for name, count, least in (("rim", rim, 3), ("corners", corners, 1)):
         if isinstance(count, bool) or not isinstance(count, int) or count < least:
@@ -87,7 +87,7 @@ def spheres(operation: str, shapes: list[Shape], rim: int, corners: int, dtype: 
     return frames, numbers[:, :3], numbers[:, 3], numbers[:, 4]
 
 
-def _points(shape: Shape, rim: int) -> np.ndarray:
+def _points(shape: CollisionShape, rim: int) -> np.ndarray:
     """(n, 3) the points of a shape that is no mesh, in its axes."""
     signs = np.array([-1.0, 1.0])
     match shape.kind, *shape.size:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.mechanism.formats import shapes
+from jaxspatial.mechanism.formats import collision
 
 LAW = {"stiffness": 1e4, "relaxation_time": 0.02}
 
@@ -172,7 +172,7 @@ def test_flat_meshes_have_corners(rank):
         2,
         3,
     ]
-    found = shapes.corners_of_hull(points)
+    found = collision.corners_of_hull(points)
     # In every direction as far as the points.
     directions = rng.standard_normal((100, 3))
     np.testing.assert_allclose((found @ directions.T).max(0), (points @ directions.T).max(0), atol=1e-12)
@@ -181,9 +181,9 @@ def test_flat_meshes_have_corners(rank):
 
 def test_few_corners_lie_far_apart():
     points = np.concatenate([[[10.0, 0, 0], [-8, 0, 0], [0, 5, 0], [-8, 1e-12, 0]], 1e-3 * CUBE])
-    np.testing.assert_array_equal(shapes.farthest(points, 3), points[:3])
-    np.testing.assert_array_equal(shapes.farthest(points[[0, 1, 1]], 3), points[:2])
-    assert len(shapes.farthest(points[:1], 5)) == 1
+    np.testing.assert_array_equal(collision.farthest(points, 3), points[:3])
+    np.testing.assert_array_equal(collision.farthest(points[[0, 1, 1]], 3), points[:2])
+    assert len(collision.farthest(points[:1], 5)) == 1
 
 
 # -- which are taken --------------------------------------------------------------------------------------------------
