@@ -44,9 +44,12 @@ FORCE, TORQUE, BODY, GROUND = (
 )
 Ground = HalfSpace | Callable[[jax.Array], Any]
 
-# As shares of the size of the scene: the axes of a frame, the longest arrow, the heads of arrows and their radius,
-# and that of a point of contact.
+# As shares of the size of the scene: the axes of a frame, the longest arrow, the largest heads of arrows and the radius
+# of their shafts, and that of a point of contact.
 _TRIAD, _LONGEST, _HEAD, _THICK, _POINT = 0.08, 0.35, 0.04, 0.006, 0.01
+# Short arrows have smaller heads, as shares of the largest: shorter than its head, an arrow would seem to point from
+# elsewhere.
+_SMALLER = 1.0, 1 / 3, 1 / 9, 1 / 27
 # The edge of the ground as a share too, and of its cells.
 _GROUND, _CELL = 6.0, 0.25
 _FRAMES_PER_SECOND = 30.0
@@ -311,23 +314,30 @@ def _arrows(mech: Mechanism, q: np.ndarray, forces: ExternalForces) -> list[tupl
 
 
 class _Arrows:
-    """Arrows of one kind and colour, over time. The longest of all times takes a third of the scene."""
+    """Arrows of one kind and colour, over time. The longest of all times takes a third of the scene; those shorter than
+    a two hundredth of it are left out."""
 
     def __init__(self, add: Any, name: str, points: Any, vectors: Any, color: Any, size: float):
         lengths = np.linalg.norm(vectors, axis=-1)
         scale = _LONGEST * size / lengths.max(where=np.isfinite(lengths), initial=0)
         self.ends = np.stack([points, points + scale * vectors], axis=-2)
-        # Shorter than their heads, they would seem to point from elsewhere.
-        self.are_seen = scale * lengths > _HEAD * size
-        look: Any = {"shaft_radius": _THICK * size, "head_radius": 2.5 * _THICK * size, "head_length": _HEAD * size}
-        self.handle = add.add_arrows(f"/{name}", self.ends[0], color, **look)
+        # viser has heads of one size in each of its objects.
+        heads = _HEAD * size * np.array(_SMALLER)
+        self.sizes = (scale * lengths[..., None] <= heads).sum(-1)  # as many as there are heads: it is left out
+        self.sizes[~np.isfinite(lengths)] = len(heads)
+        self.handles = []
+        for k, share in enumerate(_SMALLER):
+            thick, head = share * _THICK * size, share * _HEAD * size
+            look: Any = {"shaft_radius": thick, "head_radius": 2.5 * thick, "head_length": head}
+            self.handles.append(add.add_arrows(f"/{name}/{k}", self.ends[0], color, **look))
 
     def draw(self, i: int) -> None:
         """Shows those of state i."""
-        are_seen = self.are_seen[i]
-        self.handle.visible = bool(are_seen.any())
-        if self.handle.visible:
-            self.handle.points = self.ends[i][are_seen]
+        for k, handle in enumerate(self.handles):
+            has_size = self.sizes[i] == k
+            handle.visible = bool(has_size.any())
+            if handle.visible:
+                handle.points = self.ends[i][has_size]
 
 
 def _from_z(d: np.ndarray) -> np.ndarray:

@@ -161,6 +161,13 @@ def test_without_shapes_inertias_are_seen(scenes, robot):
     np.testing.assert_allclose(abs(turned), np.eye(3), atol=1e-3)
 
 
+def visible(arrows):
+    """The arrows (k, 2, 3) of one kind that are seen, from long ones to short ones, and the lengths of their heads."""
+    shown = [handle for handle in arrows.handles if handle.visible]
+    heads = [np.full(len(handle.points), handle.head_length) for handle in shown]
+    return (np.concatenate([handle.points for handle in shown]), np.concatenate(heads)) if shown else ([], [])
+
+
 def test_arrows_are_the_forces_at_their_points_over_time(scenes, robot):
     mech, _ = robot
     q, n = trajectory(4), 4
@@ -178,14 +185,35 @@ def test_arrows_are_the_forces_at_their_points_over_time(scenes, robot):
     scale = None
     for i, seen in enumerate(([0], [0], [0, 1], [])):
         shown.draw(i)
-        assert arrows.handle.visible == bool(seen) and torques.handle.visible
+        ends, _ = visible(arrows)
+        assert len(ends) == len(seen) and len(visible(torques)[0]) == 1
         if seen:
-            ends = np.asarray(arrows.handle.points)
             vectors = np.einsum("mij,mj->mi", R[i], f[i])[seen]
             scale = scale or np.linalg.norm(ends[0, 1] - ends[0, 0]) / np.linalg.norm(vectors[0])
             np.testing.assert_allclose(ends[:, 0], starts[i][seen], atol=1e-6)
             np.testing.assert_allclose(ends[:, 1] - ends[:, 0], scale * vectors, atol=1e-5)
-    np.testing.assert_allclose(np.asarray(torques.handle.points)[0, 0], starts[3, 0], atol=1e-6)
+    np.testing.assert_allclose(visible(torques)[0][0, 0], starts[3, 0], atol=1e-6)
+
+
+def test_small_forces_are_seen_beside_the_peak_of_an_impact(scenes, robot):
+    """Down to a two hundredth of it, with heads that are shorter than their arrows."""
+    shares = FLOAT([1, 0.11, 0.05, 0.02, 0.006, 0.004, 0])
+    f = np.zeros((len(shares), 1, 3), FLOAT)
+    f[:, 0, 2] = 300 * shares
+    shown = scenes(
+        robot[0], np.tile(trajectory(1), (len(shares), 1)), forces=js.AppliedForces(["tip"], js.SpatialForce(f=f))
+    )
+    (arrows,) = shown._arrows
+    peak = None
+    for i, share in enumerate(shares):
+        shown.draw(i)
+        ends, heads = visible(arrows)
+        assert len(ends) == (share > 0.005)
+        if len(ends):
+            length = np.linalg.norm(ends[0, 1] - ends[0, 0])
+            peak = peak or length
+            np.testing.assert_allclose(length, share * peak, rtol=1e-4)
+            assert 0 < heads[0] < length
 
 
 def test_forces_by_name_and_contact_forces(scenes, robot):
@@ -238,7 +266,7 @@ def test_a_state_that_is_not_finite_hides_its_arrows_alone(scenes, robot):
     f[1] = np.nan
     shown = scenes(robot[0], trajectory(3), forces=js.AppliedForces(["tip"], js.SpatialForce(f=f)))
     (arrows,) = shown._arrows
-    assert arrows.are_seen.ravel().tolist() == [True, False, True]
+    assert (arrows.sizes.ravel() == len(arrows.handles)).tolist() == [False, True, False]
     assert np.isfinite(arrows.ends[[0, 2]]).all() and not scenes(robot[0], trajectory(3), forces=[{}, None])._arrows
 
 
