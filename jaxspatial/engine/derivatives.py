@@ -85,11 +85,7 @@ class Derived(Differentiable):
     """The derivative of another program with respect to the arguments marked in `moving`."""
 
     def __init__(self, program: Differentiable, moving: Moving):
-        self.program, self.moving = program, moving
-
-    @property
-    def is_wide(self):
-        return self.program.is_wide
+        self.program, self.moving, self.is_wide = program, moving, program.is_wide
 
     def from_outside(self, x: jax.Array) -> jax.Array:
         return self.program.from_outside(x)
