@@ -105,7 +105,7 @@ def constraint_error(
     """
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
 
-    def error(q: Any, distances: Any) -> jax.Array:
+    def error(q, distances) -> jax.Array:
         return errors_of(Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
 
     return over_batch(error, q, distances)
@@ -143,7 +143,7 @@ def constraint_jacobian(
     """
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
 
-    def rows(q: Any, distances: Any) -> jax.Array:
+    def rows(q, distances) -> jax.Array:
         of_state = Loops(mechanism, closures, distances, precision)
         return of_state.rows(q, of_state.placed(q)).J
 
@@ -218,7 +218,7 @@ def constrained_forward_dynamics(
     if stabilization is not None:
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
-    def constrained(q: Any, v: Any, tau: Any, k: Any, distances: Any, forces: Any) -> ConstrainedDynamics:
+    def constrained(q, v, tau, k, distances, forces) -> ConstrainedDynamics:
         return _constrained(Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
 
     return over_batch(constrained, q, v, tau, k, distances, forces)
@@ -264,7 +264,7 @@ def close_loops(
     q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
-    def closed(q: Any, distances: Any) -> ClosedConfiguration:
+    def closed(q, distances) -> ClosedConfiguration:
         return _closed(Loops(mechanism, closures, distances, precision), q, iterations)
 
     return over_batch(closed, q, distances)
@@ -273,7 +273,7 @@ def close_loops(
 # -- arguments --------------------------------------------------------------------------------------------------------
 
 
-def _checked(operation: str, mechanism: Mechanism, loops: Any, **arguments: Any) -> tuple[Any, ...]:
+def _checked(operation: str, mechanism: Mechanism, loops, **arguments) -> tuple:
     """The arguments as `algorithm.checked` returns them, the closures, and their distances (*batch, 1) or None."""
     found = checked(operation, mechanism, **arguments)
     return *found, *checked_closures(operation, mechanism, loops, found[0].dtype)
@@ -282,10 +282,10 @@ def _checked(operation: str, mechanism: Mechanism, loops: Any, **arguments: Any)
 # -- dynamics ---------------------------------------------------------------------------------------------------------
 
 
-def _constrained(loops: Loops, q: Any, v: Any, tau: Any, k: Any, forces: Any) -> ConstrainedDynamics:
+def _constrained(loops: Loops, q, v, tau, k, forces) -> ConstrainedDynamics:
     """`constrained_forward_dynamics` of one state."""
 
-    def of_tree(tau: Any) -> jax.Array:
+    def of_tree(tau) -> jax.Array:
         return forward_dynamics(loops.mechanism, q, v, tau, forces, precision=loops.precision)
 
     if not loops.closures or not loops.mechanism.nv:
@@ -348,14 +348,14 @@ def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
     return times(half.T, half).astype(A.dtype)
 
 
-def _shift(dtype: Any) -> float:
+def _shift(dtype) -> float:
     return check.eps(dtype) ** 0.5
 
 
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
-def _closed(loops: Loops, q: Any, iterations: int) -> ClosedConfiguration:
+def _closed(loops: Loops, q, iterations: int) -> ClosedConfiguration:
     """`close_loops` of one state."""
     mechanism, precision = loops.mechanism, loops.precision
     # A step of length 0 normalises quaternions.
@@ -367,7 +367,7 @@ def _closed(loops: Loops, q: Any, iterations: int) -> ClosedConfiguration:
     mechanism, start, distances = fixed((mechanism, q, loops.distances))
     held = loops._replace(mechanism=mechanism, distances=distances)
 
-    def nearer(_: Any, q: Any) -> jax.Array:
+    def nearer(_, q) -> jax.Array:
         placed = held.placed(q)
         rows = held.rows(q, placed)
         scale, A = _equilibrated(times(rows.J, rows.J.T), rows)

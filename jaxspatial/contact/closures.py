@@ -39,8 +39,8 @@ MOBILE = 1e3
 
 
 def checked_closures(
-    operation: str, mechanism: Mechanism, loops: Any, dtype: np.dtype
-) -> tuple[tuple[LoopClosure, ...], list[Any]]:
+    operation: str, mechanism: Mechanism, loops, dtype: np.dtype
+) -> tuple[tuple[LoopClosure, ...], list]:
     """The closures, and their distances (*batch, 1) or None."""
     closures = checked_loops(loops, mechanism.topology, f"{operation}: loops")
     return closures, [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
@@ -52,7 +52,7 @@ def are_of_one_body(mechanism: Mechanism, loop: LoopClosure) -> bool:
 
 
 def require_closable(
-    operation: str, mechanism: Mechanism, closures: Sequence[LoopClosure], distances: Sequence[Any], dtype: np.dtype
+    operation: str, mechanism: Mechanism, closures: Sequence[LoopClosure], distances: Sequence, dtype: np.dtype
 ) -> None:
     """Refuses closures of frames of one body that are open, where these numbers are known."""
     for loop, distance in zip(closures, distances, strict=True):
@@ -75,8 +75,8 @@ def require_closable(
             )
 
 
-def _distance(operation: str, loop: LoopClosure, dtype: np.dtype) -> Any:
-    distance: Any = loop.distance
+def _distance(operation: str, loop: LoopClosure, dtype: np.dtype):
+    distance = loop.distance
     if isinstance(distance, np.ndarray):
         return distance.astype(dtype)[..., None]
     distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
@@ -186,7 +186,7 @@ class Loops(NamedTuple):
         """Frames A of all closures, then frames B."""
         return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
 
-    def placed(self, q: Any) -> list[Placed]:
+    def placed(self, q) -> list[Placed]:
         if not self.closures:
             return []
         X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
@@ -199,7 +199,7 @@ class Loops(NamedTuple):
             placed.append(Placed(x.kind, distance, is_still, R_WA, p_WA, p_AB_W, X_AB))
         return placed
 
-    def rows(self, q: Any, placed: Sequence[Placed]) -> "RowsOfLoops":
+    def rows(self, q, placed: Sequence[Placed]) -> "RowsOfLoops":
         rows = [RowsOfLoops(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
@@ -215,7 +215,7 @@ class Loops(NamedTuple):
                 rows.append(RowsOfLoops(times(x.in_world, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
         return RowsOfLoops(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
 
-    def biases(self, q: Any, v: Any, placed: Sequence[Placed]) -> jax.Array:
+    def biases(self, q, v, placed: Sequence[Placed]) -> jax.Array:
         """dJ/dt v (rows,)."""
         V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
         A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
@@ -299,13 +299,13 @@ class ClosureData(TermData):
 
 
 def closure_data(
-    mechanism: Mechanism, q: Any, closures: tuple[LoopClosure, ...], distances: Sequence[Any], precision: PrecisionName
+    mechanism: Mechanism, q, closures: tuple[LoopClosure, ...], distances: Sequence, precision: PrecisionName
 ) -> ClosureData:
     """The rows of all closures as the convex step takes them."""
     number = mechanism.frame_names.index
     ties = tuple(Ties(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3)) for x in closures)
 
-    def of_state(q: Any, distances: Any) -> ClosureData:
+    def of_state(q, distances) -> ClosureData:
         placed = Loops(mechanism, closures, distances, precision).placed(q)
         N = jnp.concatenate([x.in_world for x in placed])
         p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])

@@ -60,7 +60,7 @@ def scene_of(state: MechanismState, step: StepData) -> Scene:
         return Scene(world, terms, None)
     units, n, nv = world.units, state.n, state.topology.nv
 
-    def by_velocity(term: Term) -> Any:
+    def by_velocity(term: Term):
         u = tiled(term, n, nv).velocities(units.world, units.motions, units.v)
         each = jax.tree.map(lambda x: stacking.spread(x, (term.count, n * nv)), u, is_leaf=is_number)
         return stacking.mapped(lambda w: w.reshape((term.count, nv, n)), each)
@@ -141,7 +141,7 @@ class Stiff(NamedTuple):
     u: Number | None
 
 
-def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Stiff], ArticulatedBody]:
+def _eliminate(link, children: ArticulatedBody) -> tuple[list[Stiff], ArticulatedBody]:
     """([Stiff of each velocity], the articulated body about the parent's origin)."""
     body, touched, tau, impulse, G = link
     rest = ArticulatedBody(articulated.of_body(body.inertia) + touched.P + children.P, touched.Z + children.Z)
@@ -153,7 +153,7 @@ def _eliminate(link: Any, children: ArticulatedBody) -> tuple[list[Stiff], Artic
     return eliminated, ArticulatedBody(articulated.shifted(rest.P, -body.r), algebra.shifted_wrench(rest.Z, -body.r))
 
 
-def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
+def _accelerate(link, parent: Motion) -> tuple[Any, Motion]:
     """((velocities, the motion of the body, what is left of the impulses of the joint), the motion)."""
     S, r, eliminated = link
     A, found = algebra.shifted_motion(parent, r), list[tuple[Number, Number]]()
@@ -171,8 +171,8 @@ def _accelerate(link: Any, parent: Motion) -> tuple[Any, Motion]:
 
 
 def _with_complement(
-    scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list[Any], found: list[Any]
-) -> tuple[list[Any], list[Number | None]]:
+    scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list, found: list
+) -> tuple[list, list[Number | None]]:
     """(what `_accelerate` found, corrected for terms between bodies; what is left of the impulses of these).
 
     found: x', without the G of these terms and without the impulses that G x balances. With H' all the rest of H,
@@ -223,7 +223,7 @@ def _with_complement(
     return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], rest
 
 
-def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list[Any]) -> list[Any]:
+def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -> list:
     """Y = H'^-1 J^T L, as `_accelerate` finds a direction: of k columns side by side, in k times as many states."""
     world, n, k = scene.world, scene.world.state.n, len(columns.b)
     wide, own = world.of_states(n * k), np.eye(k, dtype=bool)[:, :, None]
@@ -246,7 +246,7 @@ def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list[An
     return recursion.outward(wide.state, _follow, world.at_rest, both)
 
 
-def _rates(world: World, columns: Columns, results: list[Any]) -> Number:
+def _rates(world: World, columns: Columns, results: list) -> Number:
     """Columns . (velocities and motions), as `_accelerate` finds them, (k, B)."""
     motions = [x[1] for x in results]
     V_b, V_a = (world.of_bodies(bodies, motions) for bodies in (columns.b, columns.a))
@@ -274,7 +274,7 @@ def _side_by_side(world: World, parts: list[Columns]) -> Columns | None:
     return Columns(b, a, on_b, on_a, on_joints)
 
 
-def _to_parent(body: Any, children: Wrench) -> tuple[list[Elimination], Wrench]:
+def _to_parent(body, children: Wrench) -> tuple[list[Elimination], Wrench]:
     """([Elimination of each velocity], the bias force about the parent's origin) of a body under a wrench and forces on
     its joint."""
     (S, r, factors), F, tau = body
@@ -282,7 +282,7 @@ def _to_parent(body: Any, children: Wrench) -> tuple[list[Elimination], Wrench]:
     return eliminated, algebra.shifted_wrench(Z, -r)
 
 
-def _follow(link: Any, parent: Motion) -> tuple[Any, Motion]:
+def _follow(link, parent: Motion) -> tuple[Any, Motion]:
     """`_accelerate`, where joints have no impulses."""
     S, r, eliminated, G = link
     x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)

@@ -67,7 +67,7 @@ class JointData(TermData):
         return Joints(tuple(rows.tolist()), limit, friction * dt, STICKING * w)
 
 
-def joint_data(mechanism: Mechanism, _: Any) -> JointData | None:
+def joint_data(mechanism: Mechanism, _) -> JointData | None:
     """The JointData of a mechanism in which limits or dry friction may act; None for another."""
     return JointData() if len(limited_rows(mechanism.topology, vars(mechanism))) else None
 
@@ -84,7 +84,9 @@ class Limit(NamedTuple):
     R: Number
 
     @classmethod
-    def of(cls, below: Number, above: Number, w: Number, fastest: Number, dt: Number, may_act: Any = True) -> Self:
+    def of(
+        cls, below: Number, above: Number, w: Number, fastest: Number, dt: Number, may_act: np.ndarray | bool = True
+    ) -> Self:
         """From the distances to the lower and the upper limit, the size w of the Delassus operator, and velocities."""
         compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
         R = where(high(rigid) > high(compliant), rigid, compliant)

@@ -6,7 +6,6 @@ the coefficients of the tendon, of the angle of a ball with the axis of its rota
 
 import functools
 import operator
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -53,7 +52,7 @@ class TendonData(TermData):
         return _limits(world, step, self.velocities, c, length - lower, upper - length)
 
 
-def tendon_data(mechanism: Mechanism, dtype: Any) -> TendonData | None:
+def tendon_data(mechanism: Mechanism, dtype) -> TendonData | None:
     """The TendonData of the tendons that have limits; None for none."""
     limited = (x for x in mechanism.tendons if not (_is_none(x.lower) and _is_none(x.upper)))
     rows = [(*over_coordinates(mechanism, x), x.lower, x.upper) for x in limited]
@@ -77,7 +76,7 @@ class BallData(TermData):
     def at(self, world: World, step: StepData) -> "LimitsOfForms":
         """The LimitsOfForms of all states."""
         state, t = world.state, world.state.topology
-        turns: list[Any] = [x.kind.turn(x.q) if isinstance(x.kind, Ball) else None for x in state.joints]
+        turns: list = [x.kind.turn(x.q) if isinstance(x.kind, Ball) else None for x in state.joints]
         turn = state.of_bodies(self.bodies, turns, state.zero_vector)
         square = dot(turn, turn)
         is_none = high(square) == 0
@@ -90,7 +89,7 @@ class BallData(TermData):
         return _limits(world, step, velocities, tuple(axis), angle + np.inf, largest - angle)
 
 
-def ball_data(mechanism: Mechanism, _: Any) -> BallData | None:
+def ball_data(mechanism: Mechanism, _) -> BallData | None:
     """The BallData of the balls that have limits; None for none."""
     t, limits = mechanism.topology, mechanism.turn_limits
     if limits is None:

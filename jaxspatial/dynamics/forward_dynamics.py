@@ -3,7 +3,6 @@
 import functools
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -98,7 +97,7 @@ class ForwardDynamics(Algorithm):
 
     has_rule = True
 
-    def rule(self, primals: list[Any], tangents: list[Any], n_batch: int) -> list[Any]:
+    def rule(self, primals: list, tangents: list, n_batch: int) -> list:
         tau = self.n_fields + 2
         vdot, *factors = bind(self.program_of(_with_factors), primals, n_batch)
         at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
@@ -113,7 +112,7 @@ class ForwardDynamics(Algorithm):
 class WithFactors(Algorithm):
     """The program of `_with_factors`, for derivatives of derivatives. Its factors are constants of these."""
 
-    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+    def jvp(self, primals: list, tangents: list, n_batch: int) -> tuple[list, list]:
         _, *factors = bind(self, primals, n_batch)
         (vdot,), (rate,) = self.program_of(_forward_dynamics).jvp(primals, tangents, n_batch)
         return [vdot, *factors], [rate, *map(no_tangent, factors)]
@@ -122,7 +121,7 @@ class WithFactors(Algorithm):
 class Solve(Algorithm):
     """The program of a = M^-1 f, which is its own transpose. Its derivative is a' = M^-1 (f' - M' a)."""
 
-    def jvp(self, primals: list[Any], tangents: list[Any], n_batch: int) -> tuple[list[Any], list[Any]]:
+    def jvp(self, primals: list, tangents: list, n_batch: int) -> tuple[list, list]:
         (a,) = bind(self, primals, n_batch)
         *at, force = primals
         n = self.place(self.n_fields + 1)
@@ -151,7 +150,7 @@ class Solve(Algorithm):
     def over_columns(self):
         return self.cached("over columns", lambda: OverColumns(self))
 
-    def transposed(self, cotangents: list[Any], arguments: list[Any], n_batch: int) -> list[Any]:
+    def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         (a,) = bind(self, [*arguments[:-1], *cotangents], n_batch)
         return [*[None] * (len(arguments) - 1), program.over_batch_of(a, arguments[-1].aval)]
 
@@ -194,7 +193,7 @@ def _solve(state: MechanismState, *factors_and_force: Array):
     *factors, force = factors_and_force
     # In the structure of the factors that `accelerations` returns.
     zero, U = state.known(0.0), Wrench(state.zero_vector, state.zero_vector)
-    form: list[Any] = [zero if has_floating_roots(b) else [(U, zero)] * b.kind.nv for b in state.bundles]
+    form: list = [zero if has_floating_roots(b) else [(U, zero)] * b.kind.nv for b in state.bundles]
     if state.topology.has_mimics:
         form = [zero, *[[]] * (len(state.bundles) - 1)]
     return solution(state, state.of_words(factors, form), force)

@@ -109,7 +109,7 @@ def inverse_kinematics(
         >>> print(found.is_solved, js.forward_kinematics(arm, found.q, "hand").translation.round(2))
         True [-0.6  0.  -1.2]
     """
-    start: Any = checked("inverse_kinematics", mechanism, q=q, frames=frames)[0]
+    start = checked("inverse_kinematics", mechanism, q=q, frames=frames)[0]
     for name, x in (("starts", starts), ("iterations", iterations), ("angle", angle), ("distance", distance)):
         if not x > 0:
             raise ValueError(f"inverse_kinematics: {name}: expected a number above 0, got {x!r}")
@@ -122,7 +122,7 @@ def inverse_kinematics(
     of_jax: Any = key
     seeds = [] if key is None else [jax.random.key_data(jax.random.split(of_jax, batch))]
 
-    def solved(q: Any, flat: Any, seeds: Any) -> InverseKinematics:
+    def solved(q, flat, seeds) -> InverseKinematics:
         keys = [jax.random.wrap_key_data(x, impl=jax.random.key_impl(of_jax)) for x in seeds]
         task = _Task(mechanism, [frames] if isinstance(frames, str) else list(frames), flat, precision)
         found = _solved(task, q, keys[0] if keys else None, starts, iterations, _Tolerances(angle, distance))
@@ -134,7 +134,7 @@ def inverse_kinematics(
 # -- arguments --------------------------------------------------------------------------------------------------------
 
 
-def _targets(targets: Any, frames: Any, q: Any) -> tuple[list[Any], tuple[int, ...]]:
+def _targets(targets, frames, q) -> tuple[list, tuple[int, ...]]:
     """The targets as arrays (*batch, n 9) and (*batch, n 3), or the second alone; and their batch."""
     what = "inverse_kinematics: targets"
     n: tuple[int, ...] = () if isinstance(frames, str) else (len(frames),)
@@ -168,7 +168,7 @@ class _Task(NamedTuple):
     flat: list[Any]
     precision: PrecisionName
 
-    def error(self, q: Any) -> SpatialVelocity:
+    def error(self, q) -> SpatialVelocity:
         """V_FT_F (n,), of each frame."""
         X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
         p_WT = self.flat[-1].reshape(-1, 3)
@@ -178,14 +178,14 @@ class _Task(NamedTuple):
         X_WT = X_WF._with_vectors((self.flat[0].reshape(-1, 9), p_WT))
         return X_WF.inverse_times(X_WT, precision=self.precision).log(precision=self.precision)
 
-    def jacobian(self, q: Any) -> jax.Array:
+    def jacobian(self, q) -> jax.Array:
         """The velocities of the frames (n, 2, 3, nv), angular and linear, in their axes."""
         J = jacobian(self.mechanism, q, self.frames, precision=self.precision)
         R_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision).rotation.to_matrix()
         J = J.reshape(len(self.frames), 2, 3, self.mechanism.nv)
         return jnp.einsum("nji,nkjv->nkiv", R_WF, J, precision="highest")
 
-    def step(self, q: Any, e: SpatialVelocity, *, to_be_differentiated: bool = False) -> jax.Array:
+    def step(self, q, e: SpatialVelocity, *, to_be_differentiated: bool = False) -> jax.Array:
         """dq (nv,), bounded and damped; or, to be differentiated by e, neither, and with joints at limits at rest."""
         J, mechanism = self.jacobian(q), self.mechanism
         turns, moves = jnp.sum(J[:, 0] ** 2), jnp.sum(J[:, 1] ** 2)
@@ -211,13 +211,13 @@ class _Task(NamedTuple):
         turn = jnp.sqrt(jnp.sum(jnp.where(is_turn, dq, 0.0) ** 2))
         return dq * jnp.minimum(1.0, _LONGEST / jnp.maximum(turn, _LONGEST)).astype(dq.dtype)
 
-    def moved(self, q: Any, dq: Any) -> jax.Array:
+    def moved(self, q, dq) -> jax.Array:
         return self.inside(integrate(self.mechanism, q, dq, precision=self.precision))
 
-    def inside(self, q: Any) -> jax.Array:
+    def inside(self, q) -> jax.Array:
         return jnp.clip(q, *self._limits(q))
 
-    def _limits(self, q: Any) -> list[jax.Array]:
+    def _limits(self, q) -> list[jax.Array]:
         return [jnp.asarray(x, q.dtype) for x in (self.mechanism.lower, self.mechanism.upper)]
 
 
@@ -264,7 +264,7 @@ class _State(NamedTuple):
     iterations: jax.Array
 
 
-def _solved(task: _Task, q: Any, key: Any, starts: int, iterations: int, tolerances: _Tolerances) -> InverseKinematics:
+def _solved(task: _Task, q, key, starts: int, iterations: int, tolerances: _Tolerances) -> InverseKinematics:
     mechanism, start, flat = fixed((task.mechanism, q, task.flat))
     held = task._replace(mechanism=mechanism, flat=flat)
 

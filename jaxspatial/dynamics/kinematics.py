@@ -164,7 +164,7 @@ def at_carrier(state: MechanismState, frame: int, results: list[T], at_world: T)
 
 def _of_frames(
     state: MechanismState, frames: Frames, function: Callable[[Pose, Pose, T], Any], results: list[T], at_world: T
-) -> tuple[Any, ...]:
+) -> tuple:
     """Calls function(X_WJ, X_JF, the result for J), which returns two tuples of k numbers, for each frame.
 
     Returns two arrays (frames, k, B), for a single frame (k, B).

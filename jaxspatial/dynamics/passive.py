@@ -138,7 +138,7 @@ def _sum(a: Number, b: Number):
 
 
 def damping_coefficients(
-    mechanism: Mechanism, v: Any, compliance: Compliance | None, precision: PrecisionName
+    mechanism: Mechanism, v, compliance: Compliance | None, precision: PrecisionName
 ) -> jax.Array | None:
     """The coefficients c of the force -c v of damping and friction, or None if there are none.
 
@@ -163,7 +163,7 @@ def _is_infinite(x: Array):
     return isinstance(x, np.ndarray) and np.isinf(x).all()
 
 
-def checked_compliance(mechanism: Mechanism, like: Any, compliance: object):
+def checked_compliance(mechanism: Mechanism, like, compliance: object):
     """The Compliance, checked, as arrays (nv,); limit_stiffness and limit_damping are None if limits do not act."""
     compliance = Compliance() if compliance is None else compliance
     if not isinstance(compliance, Compliance):
@@ -331,7 +331,7 @@ def _rows_of_tendons(mechanism: Mechanism, dtype: np.dtype, compliance: Complian
     return rows
 
 
-def over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, list[Any], Any]:
+def over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, list, Any]:
     """(places, coefficients, offset): a mimic counts with the joint that it follows."""
     t, c, offset = mechanism.topology, dict[int, Any](), tendon.offset
     for name, x in zip(tendon.joints, tendon.coefficients, strict=True):
@@ -344,7 +344,7 @@ def over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, lis
     return tuple((t.q_starts[i], t.v_starts[i]) for i in c), list(c.values()), offset
 
 
-def one_array(numbers: Sequence[Any], dtype: np.dtype) -> Array:
+def one_array(numbers: Sequence, dtype: np.dtype) -> Array:
     """(k,) NumPy where all of them are known."""
     is_known = all(isinstance(x, np.ndarray | np.generic | float) for x in numbers)
     return (np if is_known else jnp).stack([(np if is_known else jnp).asarray(x, dtype) for x in numbers])

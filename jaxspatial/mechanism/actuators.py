@@ -91,7 +91,7 @@ class Actuators:
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
         names = _texts("names", self.names)
-        joints: Any = [(name,) for name in names] if self.joints is None else self.joints
+        joints = [(name,) for name in names] if self.joints is None else self.joints
         if isinstance(joints, str) or not isinstance(joints, Iterable):
             raise TypeError(f"Actuators: joints: expected a sequence of names, or of sequences of them, got {joints!r}")
         joints = tuple((x,) if isinstance(x, str) else _texts("joints", x) for x in joints)
@@ -105,7 +105,7 @@ class Actuators:
         dtype, arrays = check.floating_dtype(*given.values()), dict[str, Any]()
         for name, x in given.items():
             size = sum(map(len, joints)) if name == "gears" else len(names)
-            array: Any = check.as_float_array(x, f"Actuators: {name}", dtype, held=True)
+            array = check.as_float_array(x, f"Actuators: {name}", dtype, held=True)
             if array.shape[-1:] not in ((), (size,)):
                 raise ValueError(f"Actuators: {name}: expected a number, or shape (*batch, {size}), got {array.shape}")
             arrays[name] = array
@@ -160,7 +160,7 @@ class Actuators:
         return check.broadcast_shapes(*(getattr(self, name).shape[:-1] for name in ("gears", *_NUMBERS)))
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return np.dtype(self.gain.dtype)
 
@@ -198,7 +198,7 @@ class Actuators:
         """
         what, n = "Actuators.torques", len(self.names)
         sizes = {"q": (q, mech.nq), "v": (v, mech.nv), "ctrl": (ctrl, n)}
-        arrays: Any = {k: check.as_vectors(x, f"{what}: {k}", self.dtype, size=m) for k, (x, m) in sizes.items()}
+        arrays = {k: check.as_vectors(x, f"{what}: {k}", self.dtype, size=m) for k, (x, m) in sizes.items()}
         check.require_same_dtype(actuators=self, **arrays)
         batches = {name: x.shape[:-1] for name, x in arrays.items()}
         batch = check.common_batch_shape(actuators=self.batch_shape, **batches)
@@ -218,13 +218,13 @@ class Actuators:
             pulled = _times(precision, pulled, _of_mimics(mech, pulls, dtype)[0])
         tau = _sums(precision, pulled, pulls.of_velocity)
         tau = jnp.broadcast_to(tau, (*batch, mech.nv))
-        limit: Any = mech.effort_limit
+        limit = mech.effort_limit
         return _clipped(precision, tau, -limit.astype(dtype), limit.astype(dtype))
 
-    def _each(self, name: str, n: int) -> Any:
+    def _each(self, name: str, n: int):
         """The numbers of a field, one for each of n."""
-        x: Any = getattr(self, name)
-        xp: Any = np if isinstance(x, np.ndarray) else jnp
+        x = getattr(self, name)
+        xp = np if isinstance(x, np.ndarray) else jnp
         return check.narrowed(xp.broadcast_to(x, (*x.shape[:-1], n)))
 
     def __repr__(self) -> str:
@@ -232,7 +232,7 @@ class Actuators:
         return f"Actuators({list(self.names)}, {numbers})"
 
 
-def _texts(what: str, names: Any) -> tuple[str, ...]:
+def _texts(what: str, names) -> tuple[str, ...]:
     found = tuple(names) if isinstance(names, Iterable) and not isinstance(names, str) else None
     if found is None or not all(isinstance(name, str) for name in found):
         raise TypeError(f"Actuators: {what}: expected a sequence of names, got {names!r}")
@@ -282,7 +282,7 @@ def _grouped(of: np.ndarray, n: int) -> np.ndarray:
     return np.array([[*x, *[len(of)] * (width - len(x))] for x in places], int).reshape(n, width)
 
 
-def _of_mimics(mech: "Mechanism", pulls: _Pulls, dtype: Any) -> tuple[Any, Any]:
+def _of_mimics(mech: "Mechanism", pulls: _Pulls, dtype) -> tuple[Any, Any]:
     """(multipliers, offsets) of the joints that are pulled at."""
     multipliers, offsets = (mech.mimics[pulls.joint, k].astype(dtype) for k in (0, 1))
     return multipliers, offsets
@@ -303,7 +303,7 @@ def _sums(precision: PrecisionName, x: jax.Array, groups: np.ndarray) -> jax.Arr
     return terms[0]
 
 
-def _clipped(precision: PrecisionName, x: jax.Array, lower: Any, upper: Any) -> jax.Array:
+def _clipped(precision: PrecisionName, x: jax.Array, lower, upper) -> jax.Array:
     """x between limits; those that are known to be infinite cost nothing."""
     for limit, sign in ((lower, -1.0), (upper, 1.0)):
         if not (isinstance(limit, np.ndarray) and np.isinf(limit).all()):

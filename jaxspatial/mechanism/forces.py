@@ -1,7 +1,7 @@
 """Forces on a mechanism: where they act, and in which axes they are given."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import jax
 import numpy as np
@@ -96,7 +96,7 @@ class AppliedForces:
         return batch if self.points is None else check.broadcast_shapes(batch, self.points.shape[:-2])
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return self.wrenches.dtype
 
@@ -105,7 +105,7 @@ class AppliedForces:
         return f"AppliedForces({list(self.frames)}, {self.wrenches!r}{points}, axes={self.axes!r})"
 
 
-def names_of_frames(what: str, frames: Any) -> tuple[str, ...]:
+def names_of_frames(what: str, frames) -> tuple[str, ...]:
     """The names as a tuple. what: who asks, for messages."""
     names = tuple(frames) if isinstance(frames, Iterable) and not isinstance(frames, str) else None
     if names is None or not all(isinstance(name, str) for name in names):

@@ -1,7 +1,7 @@
 """Loop closures: what holds two frames of a mechanism together, beside the joints of its tree."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import jax
 import numpy as np
@@ -79,7 +79,7 @@ class LoopClosure:
         return f"LoopClosure({self.frame_a!r}, {self.frame_b!r}, {self.kind!r}{shown})"
 
 
-def checked_loops(loops: Any, topology: Topology, what: str) -> tuple[LoopClosure, ...]:
+def checked_loops(loops, topology: Topology, what: str) -> tuple[LoopClosure, ...]:
     """A sequence of closures between frames that there are, as a tuple."""
     closures = tuple(loops) if isinstance(loops, Iterable) else None
     if closures is None or not all(isinstance(loop, LoopClosure) for loop in closures):

@@ -493,7 +493,7 @@ class Mechanism:
         return _STATIC.setdefault(static.contents, static)
 
     @functools.cached_property
-    def _first_data(self) -> Any:
+    def _first_data(self):
         """The first number that is not known, or None. Cached: every call of an algorithm asks for its dtype."""
         return next((x for x in jax.tree.leaves(self) if not isinstance(x, np.ndarray)), None)
 
@@ -571,7 +571,7 @@ def _read_only(mechanism: Mechanism) -> Mechanism:
     """Copies NumPy arrays that others may write to. Programs are compiled for the values, and looked up by the
     mechanism."""
 
-    def read_only(x) -> Any:
+    def read_only(x):
         is_open = isinstance(x, np.ndarray) and (x.base is not None or x.flags.writeable)
         return _frozen(x) if is_open else x
 
@@ -619,7 +619,7 @@ class StaticMechanism(Mechanism, ByContents):
     """
 
     @functools.cached_property
-    def contents(self) -> tuple[Any, ...]:
+    def contents(self) -> tuple:
         """(topology, what else there is and its names, the arrays as bytes): what decides equality and hash."""
         leaves = jax.tree.leaves(self._as_tree())
         loops = tuple((x.frame_a, x.frame_b, x.kind) for x in self.loops)
@@ -648,8 +648,8 @@ jax.tree_util.register_static(StaticMechanism)
 # They hold the tree as JSON, and of a StaticMechanism its arrays too.
 
 
-def _topology(fields: list[Any]) -> Topology:
-    def as_tuples(x) -> Any:
+def _topology(fields: list) -> Topology:
+    def as_tuples(x):
         return tuple(map(as_tuples, x)) if isinstance(x, list) else x
 
     return Topology(*map(as_tuples, fields))

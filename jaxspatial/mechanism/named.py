@@ -25,7 +25,7 @@ class Form(NamedTuple):
     starts: str
     types: dict[str, type]
 
-    def neutral(self, t: Topology, i: int) -> Any:
+    def neutral(self, t: Topology, i: int):
         kind = t.kind(i)
         return kind.neutral if self.size == "nq" else (0.0,) * kind.nv
 
@@ -57,7 +57,7 @@ def of_all_joints(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTy
     return concatenate(check.broadcast_batch(batch, *own), -1)
 
 
-def by_joint(t: Topology, form: Form, x: Any, what: str) -> dict[str, Any]:
+def by_joint(t: Topology, form: Form, x, what: str) -> dict[str, Any]:
     """{name of a joint: its numbers}, as `of_all_joints` takes them."""
     x = check.as_vectors(x, what, size=getattr(t, form.starts)[-1])
     parts = dict[str, Any]()
@@ -68,13 +68,13 @@ def by_joint(t: Topology, form: Form, x: Any, what: str) -> dict[str, Any]:
     return parts
 
 
-def _leaves(x) -> list[Any]:
+def _leaves(x) -> list:
     if isinstance(x, RigidTransform):
         return [x.translation]
     return [x.entries] if isinstance(x, Rotation) else [x.v] if isinstance(x, SpatialVelocity) else [x]
 
 
-def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype) -> Any:
+def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype):
     """The numbers (*batch, k) of one joint."""
     kind, n = t.kinds[i], getattr(t.kind(i), form.size)
     if isinstance(x, RigidTransform | Rotation | SpatialVelocity):
@@ -94,7 +94,7 @@ def _described(form: Form, kind: str, n: int) -> str:
     return f"a {form.types[kind].__name__}, or {array}" if kind in form.types else array
 
 
-def _array(x) -> Any:
+def _array(x):
     if isinstance(x, SpatialVelocity):
         return x.to_array()
     if isinstance(x, Rotation):
@@ -103,7 +103,7 @@ def _array(x) -> Any:
     return jnp.concatenate(both, -1)
 
 
-def _value(kind: type | None, x) -> Any:
+def _value(kind: type | None, x):
     if kind is SpatialVelocity:
         return SpatialVelocity(x[..., :3], x[..., 3:])
     if kind is Rotation:

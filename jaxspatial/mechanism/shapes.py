@@ -80,7 +80,7 @@ def _of_slabs(p: Sequence[Number], halves: Sequence[Number]) -> tuple[list[Numbe
 
 
 @formula
-def _stairs(p: Vector, X: Pose, run: Numbers, rise: Numbers, *, steps: int) -> list[Any]:
+def _stairs(p: Vector, X: Pose, run: Numbers, rise: Numbers, *, steps: int) -> list:
     """The normal of a staircase, and the signed distance of a point. Each step fills a quarter of the plane across the
     stairs, and so does the air above it. Outside the nearest of the steps counts, inside the nearest of the air."""
     at = local(p, X)
@@ -120,10 +120,10 @@ def _positive(x: Number) -> Number:
     return where(x < 0, 0.0, x)
 
 
-def placed(function: Callable[..., tuple[Vector, Number]]) -> Callable[..., Any]:
+def placed(function: Callable[..., tuple[Vector, Number]]) -> Callable:
     """As a formula of (points in the world, the pose of the shape, its numbers): normals and distances."""
 
-    def in_world(p: Vector, X: Pose, *numbers: Any) -> list[Any]:
+    def in_world(p: Vector, X: Pose, *numbers) -> list:
         n, distance = function(local(p, X), *numbers)
         return [X.R @ n, distance]
 
@@ -160,7 +160,7 @@ class Shape:
         return check.broadcast_shapes(*_batch_shapes(self).values())
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return np.dtype(getattr(self, next(iter(self._axes))).dtype)
 
@@ -204,7 +204,7 @@ class Shape:
         return f"{type(self).__name__}({', '.join(parts)})"
 
 
-def pose_of(placement: RigidTransform | None, dtype: Any) -> Pose:
+def pose_of(placement: RigidTransform | None, dtype) -> Pose:
     """A placement as arrays; known numbers for None."""
     if placement is None:
         return Pose(np.eye(3, dtype=dtype).ravel(), np.zeros(3, dtype))  # pyright: ignore[reportArgumentType]
@@ -215,22 +215,22 @@ def _placement_of_many(placement: RigidTransform | None) -> RigidTransform | Non
     return None if placement is None else jax.tree.map(lambda x: _with_axis(x, 1), placement)
 
 
-def _with_axis(x: Any, n: int) -> Any:
+def _with_axis(x, n: int):
     """With an axis of one before the last n."""
     return x.reshape((*x.shape[: x.ndim - n], 1, *x.shape[x.ndim - n :]))
 
 
-def _changed(shape: Any, **parts: Any) -> Any:
+def _changed(shape, **parts):
     return rebuilt(type(shape), vars(shape), (parts.get(k, x) for k, x in vars(shape).items()))
 
 
-def _batch_shapes(shape: Any) -> dict[str, tuple[int, ...]]:
+def _batch_shapes(shape) -> dict[str, tuple[int, ...]]:
     shapes = {k: getattr(shape, k).shape for k in shape._axes}
     shapes = {k: s[: len(s) - shape._axes[k]] for k, s in shapes.items()}
     return shapes if shape.placement is None else {**shapes, "placement": shape.placement.batch_shape}
 
 
-def check_shape(shape: Any, least: dict[str, float] | None = None) -> None:
+def check_shape(shape, least: dict[str, float] | None = None) -> None:
     """Checks the numbers that a caller passes, and keeps them as arrays; marks of a tree of axes or specs pass.
 
     least: below which numbers are refused that are known while tracing; 0 where nothing is said.
@@ -497,7 +497,7 @@ class Union(Shape):
         return check.broadcast_shapes(*(x.batch_shape for x in self.shapes))
 
     @property
-    def dtype(self) -> np.dtype[Any]:
+    def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return self.shapes[0].dtype
 
@@ -517,7 +517,7 @@ class Union(Shape):
         return f"Union({list(self.shapes)})"
 
 
-def above_plane(precision: PrecisionName, p: Any, normal: Any, offset: Any) -> tuple[Any, Any]:
+def above_plane(precision: PrecisionName, p, normal, offset) -> tuple[Any, Any]:
     """The normal of unit length of a plane, (*batch, 3), and the signed distance (*batch,) of points (*batch, 3).
 
     offset: (*batch, 1). The normal is of the plane's own batch.
@@ -534,7 +534,7 @@ def units(v: Vector) -> Vector:
 
 
 @formula
-def _distance(n: Vector, p: Vector, offset: Numbers) -> Any:
+def _distance(n: Vector, p: Vector, offset: Numbers):
     return dot(n, p) - offset[0]
 
 

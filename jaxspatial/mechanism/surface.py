@@ -20,7 +20,7 @@ _CUTS = {1: [(0, 1), (0, 2), (0, 3)], 2: [(0, 2), (0, 3), (1, 3), (1, 2)], 3: [(
 
 
 def surface(
-    operation: str, ground: Callable[[jax.Array], Any], centre: Any, edge: float, cells: int, dtype: DTypeLike
+    operation: str, ground: Callable[[jax.Array], Any], centre, edge: float, cells: int, dtype: DTypeLike
 ) -> np.ndarray:
     """The triangles (n, 3, 3) of the ground in a cube about the point of the ground that is next to a centre, m.
 

@@ -1,7 +1,7 @@
 """Tendons: linear forms of coordinates with a spring, damping and limits."""
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
@@ -92,7 +92,7 @@ class Tendon:
         return f"Tendon({self.name!r}, {list(self.joints)}, {check.in_short(self.coefficients)})"
 
 
-def checked_tendons(tendons: Any, topology: Topology, what: str) -> tuple[Tendon, ...]:
+def checked_tendons(tendons, topology: Topology, what: str) -> tuple[Tendon, ...]:
     """A sequence of tendons over joints of one coordinate, as a tuple."""
     found = tuple(tendons) if isinstance(tendons, Iterable) else None
     if found is None or not all(isinstance(x, Tendon) for x in found):
