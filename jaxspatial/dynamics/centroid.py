@@ -111,7 +111,8 @@ def centroidal_momentum(
 ) -> SpatialMomentum:
     """The momentum of all bodies that move, about their centre of mass.
 
-    Without external forces and gravity it does not change. That of rotors (armature) is not part of it.
+    Without external forces, gravity, and armature of a floating root it does not change. Rotors (armature) are no part
+    of it.
 
     Args:
         mechanism: the mechanism, see `Mechanism`.
