@@ -56,7 +56,8 @@ FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper", "tur
 
 def _of_each(function: Callable[..., tuple[Any, ...]], terms: Sequence[Term], *numbers: ByTerm, **shared: Any):
     """function(term, its numbers, **shared) of all terms: for each of the results a tuple over the terms."""
-    found = [function(term, *own, **shared) for term, *own in zip(terms, *numbers, strict=True)]
+    function = functools.partial(function, **shared)
+    found = [term.each(function, *own) for term, *own in zip(terms, *numbers, strict=True)]
     return zip(*found, strict=True)
 
 
@@ -67,7 +68,7 @@ def _total(parts: Iterable[Number]) -> Number:
 
 def _velocities(scene: Scene, motions: list[Motion], v: Number) -> tuple[Any, ...]:
     """J v of all terms."""
-    return tuple(term.velocities(scene.world, motions, v) for term in scene.terms)
+    return tuple(term.each(lambda own: own.velocities(scene.world, motions, v)) for term in scene.terms)
 
 
 # -- programs ---------------------------------------------------------------------------------------------------------
@@ -126,7 +127,7 @@ def solve(state: MechanismState, step: StepData):
         for term, own in zip(terms, u, strict=True)
     )
     held = tuple(
-        jnp.zeros((1, 1), bool) if any(x.throws for x in terms) else term.held(*own)
+        jnp.zeros((1, 1), bool) if any(x.throws for x in terms) else term.each(type(term).held, *own)
         for term, *own in zip(terms, u, u_free, strict=True)
     )
     smallest = (energy_before + energy) * TOLERANCES[state.dtype.itemsize] ** 2
@@ -316,9 +317,9 @@ def _iterated(problem: Problem, at: Iterate, is_done: jax.Array, is_first: jax.A
         impulse, G = term.law(u, held & is_first)
         return impulse, G, impulse - lacking * term.times_G(G, u_free)
 
-    def along(term: Term, G: Any, impulse: Any, u_e: Any, u_free: Any) -> tuple[Any, Any, Products]:
+    def along(term: Term, G: Any, impulse: Any, u_free: Any) -> tuple[Any, Any, Products]:
         """(the velocity along a direction, the impulse at the end of the direction if it were linear, Products)."""
-        u_d = u_e + lacking * u_free
+        u_d = term.velocities(world, motions, e) + lacking * u_free
         G_d = term.times_G(G, u_d)
         products = Products(
             impulse_free=term.product(impulse, u_free),
@@ -349,7 +350,7 @@ def _iterated(problem: Problem, at: Iterate, is_done: jax.Array, is_first: jax.A
     impulse, G, right = _of_each(pushed, terms, at.u, free.u, problem.held)
     forces = jax.tree.map(operator.neg, world.momenta(at.motions, at.x), is_leaf=is_number)
     e, motions, rest = solved(scene, G, *_balanced_and_applied(terms, right, is_first), forces)
-    u_d, linear, products = _of_each(along, terms, G, impulse, _velocities(scene, motions, e), free.u)
+    u_d, linear, products = _of_each(along, terms, G, impulse, free.u)
     sums, energy = Products(*map(_total, zip(*products, strict=True))), world.twice_energy(motions, e)
     slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)
     length = _searched(problem, at.u, u_d, slopes, is_small | is_done | is_first)

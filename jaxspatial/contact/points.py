@@ -3,10 +3,11 @@
 [Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Drake 1.51, SapDriver]
 """
 
+import dataclasses
 import functools
 import operator
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,16 +21,20 @@ from jaxspatial.engine import stacking
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
+from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.shapes import direction
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot
-from jaxspatial.numerics.numbers import Mask, Number, constant, high, is_constant, where
+from jaxspatial.numerics.numbers import Mask, Number, constant, high, is_constant, is_number, where, where_any
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.spatial import SpatialForce
 
+T = TypeVar("T")
+# Of more contacts than this, those between the same bodies are left out where none of them touches.
+MOST_TOGETHER = 8
 # The impulse by which friction is smoothed, as Drake's.
 SMOOTHED = 1e-14
 
@@ -87,18 +92,29 @@ class ContactData(TermData):
         distance, stiffness, relaxation_time, friction = (
             scalars(state, x) for x in (self.distances, self.stiffness, self.relaxation_time, self.friction)
         )
-        w = mean_size(world.relative_mobility(ends, arm, arm_a)[0].J)
-        memory = dt + relaxation_time
-        compliant, rigid = 1 / (dt * stiffness * memory), NEAR_RIGID * w
-        R_n = where(high(rigid) > high(compliant), rigid, compliant)
-        normal = state.vectors(self.normals)
-        # What cannot move has no law: its R_t is zero. NaN, of any number, is not outside.
-        is_inside = ~(high(distance) > 0) & (high(w) != 0)
+        memory, normal = dt + relaxation_time, state.vectors(self.normals)
+        # NaN, of any number, is not outside.
+        is_inside = ~(high(distance) > 0)
         for x in (stiffness, memory, friction):
             is_inside = is_inside if is_constant(x) else is_inside | is_nan(x)
-        noise = world.reach(ends, arm, arm_a, normal) / memory
-        free = -distance / memory
-        return Contacts(ends, arm, arm_a, normal, is_inside, free, R_n, STICKING * w, friction, noise)
+        free, zero = -distance / memory, constant(distance, 0)
+        found = Contacts(ends, arm, arm_a, normal, is_inside, free, zero, zero, friction, zero)
+
+        def softness(own: Contacts, compliant: Number, memory: Number) -> tuple[Number, Number, Mask, Number]:
+            """(R_n, R_t, whether anything can move, the noise)."""
+            at_C = own.ends, own.arm, own.arm_a
+            w = mean_size(world.relative_mobility(*at_C)[0].J)
+            rigid = NEAR_RIGID * w
+            R_n = where(high(rigid) > high(compliant), rigid, compliant)
+            return R_n, STICKING * w, high(w) != 0, world.reach(*at_C, own.normal) / memory
+
+        _ = world.units if state.topology.has_mimics else world.mobility  # Made here, of all groups.
+        R_n, R_t, is_movable, noise = found.each(softness, 1 / (dt * stiffness * memory), memory)
+        if len(found._groups()) > 1:
+            # Where no contact is inside they are 0: a law of these would have no derivatives.
+            R_n, R_t = (where(high(x) == 0, 1.0, x) for x in (R_n, R_t))
+        # What cannot move has no law: its R_t is zero.
+        return dataclasses.replace(found, is_touching=is_inside & is_movable, R_n=R_n, R_t=R_t, noise=noise)
 
 
 def contact_data(
@@ -250,6 +266,69 @@ class Contacts(Term):
     def count(self) -> int:
         return len(self.ends.b)
 
+    # -- contacts between the same bodies -----------------------------------------------------------------------------
+
+    def _groups(self) -> list[np.ndarray]:
+        """Which contacts are between the same bodies; all together if there are few."""
+        if self.count <= MOST_TOGETHER:
+            return [np.arange(self.count)]
+        rows = dict[tuple[int, int], list[int]]()
+        for k, ends in enumerate(zip(*self.ends, strict=True)):
+            rows.setdefault(ends, []).append(k)
+        return [np.array(x) for x in rows.values()]
+
+    def _rows(self, tree: T, rows: np.ndarray) -> T:
+        """These rows of numbers, which have one row where all are the same."""
+        return stacking.mapped(lambda w: w if w.shape[0] == 1 else stacking.rows(w, rows), tree)
+
+    def _of_groups(self, function: Callable[..., T], *numbers: Any) -> list[T]:
+        """function(contacts, their numbers) of each group: zeros where none of it touches."""
+        found = list[T]()
+        for rows in (groups := self._groups()):
+            if len(groups) == 1:
+                found.append(function(self, *numbers))
+                continue
+            ends = Ends(*(tuple(bodies[k] for k in rows) for bodies in self.ends))
+            own = dataclasses.replace(self._rows(self, rows), ends=ends)
+            found.append(where_any(own.is_touching, function, own, *self._rows(numbers, rows)))
+        return found
+
+    def each(self, function: Callable[..., T], *numbers: Any) -> T:
+        found, groups = self._of_groups(function, *numbers), self._groups()
+        if len(groups) == 1:
+            return found[0]
+        order, n = np.argsort(np.concatenate(groups)), self.is_touching.shape[1]
+
+        def joined(*parts: Any) -> Any:
+            if not is_number(parts[0]):
+                return stacking.rows(jnp.concatenate(parts), order)
+            return stacking.mapped(lambda w: stacking.rows(w, order), stacking.concatenated_trees(parts, n, sizes))
+
+        sizes = [len(rows) for rows in groups]
+        return jax.tree.map(joined, *found, is_leaf=is_number)
+
+    def _summed(self, function: Callable[..., T], *numbers: Any) -> tuple[Ends, T]:
+        """What acts on bodies: one row for each group, its sum; of a single group all rows."""
+        groups = self._groups()
+        if len(groups) == 1:
+            return self.ends, function(self, *numbers)
+
+        most = max(map(len, groups))
+
+        def of_all(x: Number, count: int) -> Number:
+            """The sum of all rows, in the order in which those of most contacts are added."""
+            places = np.minimum(np.arange(most), count)
+            x = stacking.mapped(lambda w: with_zero_rows(jnp.broadcast_to(w, (count, w.shape[1])), places), x)
+            return stacking.mapped(lambda w: w[None], stacking.pairwise_sum(x))
+
+        def total(own: Contacts, *numbers: Any) -> T:
+            found = function(own, *numbers)
+            return jax.tree.map(lambda x: x if is_constant(x) else of_all(x, own.count), found, is_leaf=is_number)
+
+        first = [rows[0] for rows in groups]
+        ends = Ends(*(tuple(bodies[k] for k in first) for bodies in self.ends))
+        return ends, stacking.concatenated_trees(self._of_groups(total, *numbers), self.is_touching.shape[1])
+
     # -- the law ------------------------------------------------------------------------------------------------------
 
     def law(self, u: Vector, held: Mask | None = None) -> tuple[Vector, Law]:
@@ -325,12 +404,12 @@ class Contacts(Term):
         return V_b.v + cross(V_b.w, self.arm) - (V_a.v + cross(V_a.w, self.arm_a))
 
     def on_bodies(self, impulse: Vector) -> list[OnBodies]:
-        between = self.ends.between_bodies
-        on_b, on_a = self._on_both(impulse)
+        ends, (on_b, on_a) = self._summed(Contacts._on_both, impulse)
+        between = ends.between_bodies
         if not len(between):
-            return [OnBodies(self.ends.b, on_b)]
-        on_a = stacking.mapped(lambda w: stacking.rows(w, between), on_a)
-        return [OnBodies(self.ends.b, on_b), OnBodies(tuple(self.ends.a[i] for i in between), on_a)]
+            return [OnBodies(ends.b, on_b)]
+        on_a = self._rows(on_a, between)
+        return [OnBodies(ends.b, on_b), OnBodies(tuple(ends.a[i] for i in between), on_a)]
 
     def _on_both(self, impulse: Vector) -> tuple[Wrench, Wrench]:
         """The wrenches of an impulse on bodies b and a, about their origins."""
@@ -338,10 +417,14 @@ class Contacts(Term):
 
     def inertia(self, G: Law) -> list[OnBodies]:
         """The inertia G at C of contacts with the ground."""
-        matrix = self._matrix(G)
-        on_one = tuple(b if a < 0 else -1 for b, a in zip(*self.ends, strict=True))
-        at_C = articulated.none(constant(matrix[0], 0))._replace(M=matrix)
-        return [OnBodies(on_one, articulated.shifted(at_C, -self.arm))]
+
+        def about_origin(own: Contacts, G: Law) -> Articulated:
+            matrix = own._matrix(G)
+            at_C = articulated.none(constant(matrix[0], 0))._replace(M=matrix)
+            return articulated.shifted(at_C, -own.arm)
+
+        ends, found = self._summed(about_origin, G)
+        return [OnBodies(tuple(b if a < 0 else -1 for b, a in zip(*ends, strict=True)), found)]
 
     def columns(self, world: World, G: Law) -> list[Columns]:
         """Three for each contact between two bodies, by Cholesky's method; a pivot that is zero leaves a column of

@@ -10,7 +10,8 @@ Contact data has three forms. What a caller passes are public objects, such as `
 arrays that programs read, at one configuration. A Term has the numbers of all states inside of a program.
 """
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +25,8 @@ from jaxspatial.spatial import SpatialForce
 
 if TYPE_CHECKING:
     from jaxspatial.contact.world import World
+
+T = TypeVar("T")
 
 # Drake's numbers: how much softer than rigid terms are in the near-rigid regime, in units of the Delassus operator
 # J D^-1 J^T, with D the diagonal of A: contacts along the normal, what sticks, and limits and closures.
@@ -98,6 +101,12 @@ class Term:
     def count(self) -> int:
         """m."""
         raise NotImplementedError
+
+    def each(self, function: Callable[..., T], *numbers: Any) -> T:
+        """function(term, *numbers), of results that are trees of numbers (m, B).
+
+        A subclass may call it for one part of its rows after the other, and have zeros where none of a part acts."""
+        return function(self, *numbers)
 
     # -- the law ------------------------------------------------------------------------------------------------------
 

@@ -6,13 +6,15 @@ is found again is one node, one of constants is a constant, and one whose operan
 front of the loop. What a compiler makes of a graph is in `llvm_ir`; `run` evaluates it with NumPy.
 """
 
+import contextlib
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from jax import lax
 
 from jaxspatial.numerics.errorfree.primitives import CALLS, called
 from jaxspatial.numerics.jax_internals import ClosedJaxpr, Literal
@@ -27,6 +29,10 @@ BOOL = np.dtype(bool)
 #   G1: 157, 439, 414, 1006 ns, 0.3, 0.5, 0.9, 1.3 s       164, 425, 347, 869 ns, 0.4, 1.2, 1.0, 2.6 s
 # Of these all are unrolled but the last.
 MOST_UNROLLED = 20_000
+# A branch of at least so many operations is skipped where no state takes it.
+LEAST_SKIPPED = 50
+# Numbers in a table from which a program picks by an index. Where there are more, reading them takes the compiler long.
+LARGEST_TABLE = 1 << 16
 
 
 class NotSupportedError(Exception):
@@ -36,14 +42,15 @@ class NotSupportedError(Exception):
 class Loop:
     """A loop of a graph. Nodes of its region are computed in every turn.
 
-    length: the number of turns; None for a loop that goes on while `condition` is true. is_reverse: whether the rows
-    are taken from the last one on. carried: of each number that turns pass on (parameter, its first value, its new
+    length: the number of turns; None for a loop that goes on while `condition` is true. is_branch: whether it has at
+    most one turn, of states for which `condition` is true. is_reverse: whether the rows are taken from the last one on.
+    carried: of each number that turns pass on (parameter, its first value, its new
     value). rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in
     all turns are results.
     """
 
     def __init__(self, region: int, length: int | None, is_reverse: bool = False):
-        self.region, self.length, self.is_reverse = region, length, is_reverse
+        self.region, self.length, self.is_reverse, self.is_branch = region, length, is_reverse, False
         self.carried: list[tuple[int, int, int]] = []
         self.rows: dict[int, tuple[int, ...]] = {}
         self.stacked: list[int] = []
@@ -57,7 +64,9 @@ class Graph:
     number of its loop. A "last" is what a loop leaves of a carried number, and a "stacked" what a node of the body was
     in one turn: their details are (loop, which, row). A "convert" or "bitcast" has another dtype than its operand.
     regions: 0 is the program, others are the bodies of loops. parents: of each region, the one around it.
-    results: for each result of the program its nodes. copies: nodes that do again what others do.
+    A "lookup" is what a table has at an index: its detail is the number of the table. tables: of each the nodes, all
+    constants or loads that lie one after the other. results: for each result of the program its nodes. copies: nodes
+    that do again what others do.
     """
 
     def __init__(self):
@@ -66,9 +75,13 @@ class Graph:
         self.constants: dict[int, Any] = {}
         self.parents, self.depths = [-1], [0]
         self.loops: list[Loop] = []
+        self.tables: list[tuple[int, ...]] = []
         self.results: list[Nodes] = []
         self.copies = set[int]()
         self._known: dict[Any, int] = {}
+        self._tables: dict[tuple[int, ...], int] = {}
+        # The branch that is being read: what is new is computed there, whatever it is made of, and known only there.
+        self._branch, self._known_there = 0, list[Any]()
 
     def __len__(self) -> int:
         return len(self.operations)
@@ -97,6 +110,8 @@ class Graph:
         node = self._known.get(key)
         if node is None:
             node = self._known[key] = self._made(name, operands, dtype)
+            if self._branch:
+                self._known_there.append(key)
         return node
 
     def _made(self, name: str, operands: tuple[int, ...], dtype: np.dtype) -> int:
@@ -110,7 +125,7 @@ class Graph:
         simpler = _SIMPLER.get(name)
         if simpler is not None and (node := simpler(self, *operands)) is not None:
             return node
-        region = 0
+        region = self._branch
         for x in operands:
             r = regions[x]
             if depths[r] > depths[region]:
@@ -124,9 +139,39 @@ class Graph:
         self.regions.append(region)
         return len(self.operations) - 1
 
+    def table(self, nodes: Sequence[int]) -> int:
+        """The number of a table of these nodes."""
+        table, operations = tuple(nodes), {self.operations[n] for n in nodes}
+        if len(table) > LARGEST_TABLE:
+            raise NotSupportedError("a gather from a large array")
+        if operations == {"load"}:
+            argument, first = self.details[table[0]]
+            is_row = all(self.details[n] == (argument, first + k) for k, n in enumerate(table))
+        else:
+            is_row = operations == {"constant"}
+        if not is_row or self.dtypes[table[0]] == BOOL:
+            raise NotSupportedError("a gather from what is computed")
+        if table not in self._tables:
+            self._tables[table] = len(self.tables)
+            self.tables.append(table)
+        return self._tables[table]
+
+    def lookup(self, table: int, index: int, dtype: np.dtype) -> int:
+        """The node of the number of a table at an index, which is in its range."""
+        key = "lookup", table, index
+        if key not in self._known:
+            region = max(self._branch, self.regions[index], key=self.depths.__getitem__)
+            self._known[key] = node = self._added("lookup", (index,), dtype, region)
+            self.details[node] = table
+            if self._branch:
+                self._known_there.append(key)
+        return self._known[key]
+
     def copied(self, node: int, operands: tuple[int, ...]) -> int:
         """A node that does once more what another one does."""
         self.copies.add(len(self))
+        if self.operations[node] == "lookup":
+            self.details[len(self)] = self.details[node]
         return self._added(self.operations[node], operands, self.dtypes[node], self.regions[node])
 
     # -- loops --------------------------------------------------------------------------------------------------------
@@ -137,6 +182,18 @@ class Graph:
         self.depths.append(self.depths[around] + 1)
         self.loops.append(Loop(len(self.parents) - 1, length, is_reverse))
         return self.loops[-1]
+
+    @contextlib.contextmanager
+    def branch(self, around: int) -> Iterator[Loop]:
+        """A new branch, in which nodes are made meanwhile."""
+        loop = self.begun(around, None)
+        loop.is_branch = True
+        before = self._branch, self._known_there
+        self._branch, self._known_there = loop.region, []
+        yield loop
+        for key in self._known_there:
+            del self._known[key]
+        self._branch, self._known_there = before
 
     def parameter(self, loop: Loop, name: str, dtype: np.dtype) -> int:
         node = self._added(name, (), dtype, loop.region)
@@ -680,10 +737,26 @@ class _Builder:
     def _gather(self, eqn, x: Nodes, indices: Nodes) -> list[Nodes]:
         d = eqn.params["dimension_numbers"]
         axes = _Axes(d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims, d.start_indices_batching_dims)
+        is_known = all(i in self.graph.constants for i in indices.ravel().tolist())
+        is_inside = eqn.params["mode"] in (lax.GatherScatterMode.CLIP, lax.GatherScatterMode.PROMISE_IN_BOUNDS)
+        if not is_known and is_inside and x.ndim == 1 and x.size and axes.dropped == (0,):
+            return [self._looked_up(x, indices[..., 0])]
         places = self._windows(x.shape, eqn.params["slice_sizes"], indices, axes)
         n_batch = indices.ndim - 1
         y = x.ravel()[places]
         return [np.moveaxis(y, range(n_batch, y.ndim), d.offset_dims)]
+
+    def _looked_up(self, x: Nodes, indices: Nodes) -> Nodes:
+        """Numbers of a table (n,) at indices, which are moved into it."""
+        graph, flat = self.graph, x.ravel().tolist()
+        table, dtype, kind = graph.table(flat), graph.dtypes[flat[0]], graph.dtypes[int(indices.flat[0])]
+        first, last = (self.lifted(np.full((), k, kind)) for k in (0, len(flat) - 1))
+        inside = self.each("min", kind, self.each("max", kind, indices, first), last)
+        found = [
+            flat[int(graph.constants[i])] if i in graph.constants else graph.lookup(table, i, dtype)
+            for i in inside.ravel().tolist()
+        ]
+        return np.array(found, np.int64).reshape(indices.shape)
 
     def _scatter_add(self, eqn, x: Nodes, indices: Nodes, new: Nodes) -> list[Nodes]:
         d, dtype = eqn.params["dimension_numbers"], np.dtype(eqn.outvars[0].aval.dtype)
@@ -822,11 +895,35 @@ class _Builder:
         if node in self.graph.constants:
             k = int(self.graph.constants[node])
             return self.run(branches[max(0, min(k, len(branches) - 1))], x)
+        (condition,) = self.graph.operands[node] if self.graph.operations[node] == "convert" else (node,)
+        # Of states side by side all take both ways, where one is short.
+        if len(branches) == 2 and self.graph.dtypes[condition] == BOOL:
+            sizes = [_size(branch.jaxpr) for branch in branches]
+            if min(sizes) == 0 and max(sizes) >= LEAST_SKIPPED:
+                return self._skipped(condition, branches, sizes[1] > 0, x)
         results = [self.run(branch, x) for branch in branches]
         if self.graph.dtypes[node] == BOOL:
             both = zip(*results, strict=True)
             return [self.each("select", self._dtype(yes), index, yes, no) for no, yes in both]
         return [self._chosen(self._dtype(options[0]), index, options) for options in zip(*results, strict=True)]
+
+    def _skipped(self, condition: int, branches: Sequence, of: bool, x: Sequence[Nodes]) -> list[Nodes]:
+        """The results of a branch that is taken where the condition is `of`; else those of the other."""
+        graph, others = self.graph, self.run(branches[not of], x)
+        before, starts = self.region, _flat(others)
+        condition = condition if of else graph.operation("not", (condition,), BOOL)
+        with graph.branch(before) as loop:
+            self.region, loop.condition = loop.region, condition
+            ends = _flat(self.run(branches[of], x))
+            self.region = before
+        found, last = dict[tuple[int, int], int](), list[int]()
+        for start, end in zip(starts, ends, strict=True):
+            if start != end and (start, end) not in found:
+                loop.carried.append((graph.parameter(loop, "carried", graph.dtypes[start]), start, end))
+                which = len(loop.carried) - 1
+                found[start, end] = graph.result(loop, "last", which, 0, graph.dtypes[start])
+            last.append(start if start == end else found[start, end])
+        return _unflat(last, others)
 
     def _custom_linear_solve(self, eqn, *x: Nodes) -> list[Nodes]:
         """The solution by the caller's function; the others are for derivatives."""
@@ -1066,7 +1163,16 @@ def _evaluated(values: _Values, node: int):
     if name in ("last", "stacked"):
         loop, which, row = graph.details[node]
         return _results_of_loop(values, graph.loops[loop])[name][which if name == "last" else (which, row)]
+    if name == "lookup":
+        table = [_value(values, n) for n in graph.tables[graph.details[node]]]
+        return looked_up(table, values.known[graph.operands[node][0]])
     return EVALUATE[name](graph.dtypes[node], *(values.known[x] for x in graph.operands[node]))
+
+
+def looked_up(table: Sequence[Any], index: Any) -> Any:
+    """What a table has at indices (B,), of numbers or arrays (B,)."""
+    rows = np.stack([np.broadcast_to(x, np.shape(index)) for x in table])
+    return np.take_along_axis(rows, np.asarray(index, np.int64)[None], 0)[0]
 
 
 def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:
@@ -1083,7 +1189,7 @@ def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:
         inner.known.update(zip((p for p, _, _ in loop.carried), carry, strict=True))
         inner.known.update({p: x[k] for p, x in rows.items()})
         goes_on = True if loop.length is not None else _value(inner, loop.condition)
-        if not np.any(goes_on):
+        if not np.any(goes_on) or loop.is_branch and k:
             break
         new = [_value(inner, y) for _, _, y in loop.carried]
         carry = [np.where(goes_on, y, x) if loop.length is None else y for x, y in zip(carry, new, strict=True)]

@@ -644,15 +644,46 @@ class Writer:
         f.add(f"{scaled} = mul i64 {index}, {stride}")
         return self.loaded(f, self.offset(f, self.offset(f, self.frame, place), scaled), dtype)
 
+    def _looked_up(self, f: Function, node: int, index: str) -> str:
+        """What a table has at an index: read for one state after the other. Processors whose instruction for all of
+        them is mended against spying (Gather Data Sampling) take longer by it."""
+        g, dtype = self.g, self.g.dtypes[node]
+        table, kind = g.tables[g.details[node]], g.dtypes[g.operands[node][0]]
+        t, cell, wide = self.scalar(dtype), self.scalar(dtype), np.dtype(np.int64)
+        if table[0] in g.constants:
+            base = f"ptr {self._table_of([g.constants[n] for n in table], dtype)}"
+        else:
+            k, first = g.details[table[0]]
+            base = self.offset(f, self.argument(f, k), first * self._stride(k, dtype))
+            cell = t if self.is_shared[k] else f"[{self.width} x {t}]"
+        value = "poison"
+        for lane in range(self.width):
+            one, place, at, read = index, f.new(), f.new(), f.new()
+            if self.width > 1:
+                one = f.new()
+                f.add(f"{one} = extractelement {self.type(kind)} {index}, i64 {lane}")
+            convert = _conversion(kind, wide) if kind.itemsize < wide.itemsize else "bitcast"
+            f.add(f"{place} = {convert} {self.scalar(kind)} {one} to i64")
+            f.add(f"{at} = getelementptr {cell}, {base}, i64 {place}{'' if cell == t else f', i64 {lane}'}")
+            f.add(f"{read} = load {t}, {base.rpartition(' ')[0]} {at}")
+            if self.width == 1:
+                return read
+            value, before = f.new(), value
+            f.add(f"{value} = insertelement {self.type(dtype)} {before}, {t} {read}, i64 {lane}")
+        return value
+
     def _read_constant(self, f: Function, index: str, values: Sequence, dtype: np.dtype) -> str:
         inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
-        t = self.scalar(inside)
-        items = ", ".join(f"{t} {_literal(x, inside)}" for x in values)
-        content = f"[{len(values)} x {t}] [{items}]"
-        name = self.globals.setdefault(content, f"@table{len(self.globals)}")
         at = f.new()
-        f.add(f"{at} = getelementptr {t}, ptr {name}, i64 {index}")
+        f.add(f"{at} = getelementptr {self.scalar(inside)}, ptr {self._table_of(values, inside)}, i64 {index}")
         return self._read_outside(f, f"ptr {at}", 0, dtype, is_shared=True)
+
+    def _table_of(self, values: Sequence[Any], dtype: np.dtype) -> str:
+        """The name of a table of constants."""
+        t = self.scalar(dtype)
+        items = ", ".join(f"{t} {_literal(x, dtype)}" for x in values)
+        content = f"[{len(values)} x {t}] [{items}]"
+        return self.globals.setdefault(content, f"@table{len(self.globals)}")
 
     # -- writing ------------------------------------------------------------------------------------------------------
 
@@ -700,8 +731,11 @@ class Writer:
                 values = [self.read_again(f, x) for x in operands[item]]
             else:
                 values = [registers[x] if x in registers else read(f, x) for x in operands[item]]
-            register = registers[item] = f"%n{item}"
-            lines.append(template_of(item).format(register, *values))
+            if self.g.operations[item] == "lookup":
+                register = registers[item] = self._looked_up(f, item, *values)
+            else:
+                register = registers[item] = f"%n{item}"
+                lines.append(template_of(item).format(register, *values))
             if item in slots:
                 self.stored(f, register, self.offset(f, self.frame, slots[item]), dtypes[item])
             if item in at:
@@ -759,7 +793,7 @@ class Writer:
             self.stored(f, self.read(f, loop.stacked[i]), pointer, g.dtypes[loop.stacked[i]])
         self._store_carried(f, [(c[0], c[2]) for c in carried], active)
         if loop.length is None:
-            f.add(f"br label %{head}")
+            f.add(f"br label %{end if loop.is_branch else head}")
         else:
             row, following, is_last = self._index(f, k), f.new(), f.new()
             f.add(f"{is_last} = icmp eq i64 {row}, {last}")

@@ -49,6 +49,8 @@ Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
 # XLA compiles a long trace for CPUs in parts of this many operations.
 PART = 400
+# Numbers of a table that each state has of its own. Of more, machine code would copy all to read a few.
+OWN_TABLE = 256
 
 
 class Program:
@@ -412,6 +414,9 @@ def _code(
                 how = {"most_unrolled": machine.MOST_UNROLLED, "may_fuse": program.may_fuse}
                 whole = graph.graph_of(traced.closed, _expanded, **how)
             except graph.NotSupportedError:
+                return None
+            tables = (table for table in whole.tables if table[0] not in whole.constants and n > 1)
+            if any(len(x) > OWN_TABLE and not is_shared[whole.details[x[0]][0]] for x in tables):
                 return None
             each = zip(avals, is_shared, strict=True)
             arguments = [cpu.Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each]

@@ -271,13 +271,33 @@ def test_what_nobody_reads_is_not_computed():
     assert counted(g) == {"add": 1, "sub": 1}
 
 
+def test_a_long_branch_is_computed_where_it_is_taken():
+    """Not in front of the loop around it, although nothing in the loop changes what it reads."""
+
+    def f(x):
+        def turn(state):
+            k, y = state
+            long = lambda y: functools.reduce(barrier.total, [x] * graph.LEAST_SKIPPED, y)  # noqa: E731
+            return k + 1, lax.cond(y[0] > 0, lambda _: long(x), lambda y: y, y)
+
+        return lax.while_loop(lambda state: state[1][0] < 9, turn, (jnp.int32(0), x))[1]
+
+    g = of_state(f, (1,))
+    (branch,) = (x for x in g.loops if x.is_branch and x.region in {g.regions[n] for n in llvm_ir._Order(g).live})
+    adds = [n for n in llvm_ir._Order(g).live if g.operations[n] == "add" and g.dtypes[n] == F32]
+    assert len(adds) == graph.LEAST_SKIPPED and {g.regions[n] for n in adds} == {branch.region}
+
+
 # -- what graphs do not have -------------------------------------------------------------------------------------------
 
 NOT_SUPPORTED = {
     "sine": lambda x: jnp.sin(x),
     "dot of several dtypes": lambda x: lax.dot(x, x, preferred_element_type=F64),
     "cumsum": lambda x: jnp.cumsum(x),
-    "gather": lambda x: x[(x * 3).astype(I32)],
+    "gather of what is computed": lambda x: (x * 2).at[(x * 3).astype(I32)].get(mode="clip"),
+    "gather that may miss": lambda x: x.at[(x * 3).astype(I32)].get(mode="fill"),
+    "gather of rows": lambda x: jnp.stack([x, x]).at[(x * 3).astype(I32)].get(mode="clip"),
+    "gather of masks": lambda x: jnp.asarray(np.eye(3)[0] > 0).at[(x * 3).astype(I32)].get(mode="clip"),
     "scatter": lambda x: x.at[(x[0] * 3).astype(I32)].set(1),
     "sort": lambda x: jnp.sort(x),
     "half precision": lambda x: x.astype(np.float16),

@@ -526,6 +526,42 @@ def _branches(x, y):
     return chosen, lax.cond(y[0] < y[1], yes, no, x)
 
 
+def _lookups(x, y):
+    """In tables of an argument and of constants, at indices that are moved into them."""
+    k = (y * 40).astype(np.int32)
+    known = np.linspace(-1, 1, 9).astype(y.dtype)
+    own = x.reshape(-1).at[k].get(mode="clip")
+    other = jnp.asarray(known).at[jnp.clip(k, 0, 8).astype(np.uint8)].get(mode="promise_in_bounds")
+    return own, other, lax.scan(lambda c, row: (c + own, own * row[0]), y, x)
+
+
+def _skipped(x, y):
+    """A long branch that some states take, others not; in one another, and in loops that end at different turns."""
+
+    def long(v):
+        for _ in range(30):
+            v = barrier.total(barrier.product(v, v[::-1]), y)
+        return v, v[0] > y[1], y
+
+    def short(v):
+        return v, jnp.bool_(True), y
+
+    def of_both(v):
+        a, _, _ = lax.cond(v[0] > v[1], long, short, v)
+        for _ in range(30):
+            a = barrier.product(a, v)
+        return a, a[0] > 0, v
+
+    def turn(state):
+        k, v = state
+        return k + 1, lax.cond(v[1] > 0, short, of_both, v)[0]
+
+    n = jnp.clip(lax.abs(y[0]) * 3, 0, 4).astype(np.int32)
+    ended = lax.while_loop(lambda state: state[0] < n, turn, (jnp.zeros_like(n), y))
+    # What a branch has made is made again outside of it.
+    return lax.cond(y[0] < y[1], long, short, x[0]), long(x[0]), lax.cond(y[0] < y[1], short, of_both, x[1]), ended
+
+
 def _counting(x, y):
     """Loops over an index: known where it is unrolled, not where it is a loop."""
     picked = lax.fori_loop(0, 5, lambda k, c: barrier.fixed_sum(c, x[k]), y)
@@ -577,6 +613,8 @@ def loops():
         "tables": _tables,
         "slices": _slices,
         "branches": _branches,
+        "skipped": _skipped,
+        "lookups": _lookups,
         "counting": _counting,
         "long": _long,
         "ends": _ends,

@@ -296,6 +296,10 @@ def _evaluate_region(nodes, region, places, known):
             if ("loop", k) not in known:
                 known["loop", k] = _evaluate_loop(nodes, g.loops[k], places, known)
             known[node] = known["loop", k][name, which, row]
+        elif name == "lookup":
+            table = [places[g.details[n][0]][g.details[n][1]] if g.operations[n] == "load" else known[n]
+                     for n in g.tables[g.details[node]]]  # fmt: skip
+            known[node] = graph.looked_up(table, known[g.operands[node][0]])
         else:
             known[node] = graph.EVALUATE[name](g.dtypes[node], *[known[x] for x in g.operands[node]])
 
@@ -315,7 +319,7 @@ def _evaluate_loop(nodes, loop, places, known):
         new = {i: known[y] for i, (_, _, y) in carried.items()}
         if loop.length is None:
             goes_on = known[loop.condition]
-            if not np.any(goes_on):
+            if not np.any(goes_on) or loop.is_branch and k:
                 break
             new = {i: np.where(goes_on, y, last[i]) for i, y in new.items()}
         last = new

@@ -24,6 +24,7 @@ from jaxspatial.numerics.numbers.number import nearest_integer as nearest_intege
 from jaxspatial.numerics.numbers.number import noinline_pairs as noinline_pairs, repeated as repeated
 from jaxspatial.numerics.numbers.number import shape_of as shape_of
 from jaxspatial.numerics.numbers.number import times_power_of_two as times_power_of_two, where as where
+from jaxspatial.numerics.numbers.number import where_any as where_any
 from jaxspatial.numerics.numbers.number import with_data as with_data, without_data as without_data
 from jaxspatial.numerics.numbers.number import Mask as Mask, Number as Number, Numbers as Numbers
 from jaxspatial.numerics.numbers.rounded import Rounded as Rounded

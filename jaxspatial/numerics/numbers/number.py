@@ -14,6 +14,7 @@ from jax import Array, lax
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree import scaling
 from jaxspatial.numerics.errorfree.primitives import choice, not_inlined
+from jaxspatial.numerics.jax_internals import jaxpr_as_fun
 from jaxspatial.numerics.numbers.corrected import Corrected
 from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.numbers.polynomial import Polynomial
@@ -200,6 +201,25 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
         return with_data(found[0], results)
 
     return wrapped
+
+
+def where_any(mask: Mask, function: Callable[..., T], *arguments: Any) -> T:
+    """The function of trees of numbers (n, B) in states in which the mask (m, B) has any true; zeros in others.
+
+    Where no state has any, nothing is computed: in machine code of our own that is asked for a few states at a time.
+    """
+    data, given, found = data_of(arguments), without_data(arguments), list[Any]()
+    is_any = mask.any(0, keepdims=True)
+
+    def on_data(*data: Any) -> list[Any]:
+        result = function(*with_data(given, data))
+        found[:] = [without_data(result)]
+        return [jnp.where(jnp.broadcast_to(is_any, x.shape), x, jnp.zeros_like(x)) for x in data_of(result)]
+
+    closed = jax.make_jaxpr(on_data)(*data)
+    zeros = [(x.shape, x.dtype) for x in closed.out_avals]
+    results = lax.cond(is_any.any(), jaxpr_as_fun(closed), lambda *_: [jnp.zeros(*x) for x in zeros], *data)
+    return with_data(found[0], results)
 
 
 def is_number(x: object) -> TypeGuard[Number]:
