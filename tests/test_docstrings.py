@@ -13,7 +13,7 @@ from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.numerics import quantity
 from tests.helpers.soon import compiled_soon
-from tests.test_reference import names_of_the_page
+from tests.test_reference import LONG, names_of_the_page
 
 
 def _public(module):
@@ -72,8 +72,6 @@ def faults(function):
     return found
 
 
-# Layers whose public docstrings end with an example: all others are to follow.
-WITH_EXAMPLES = ("numerics", "rotation", "spatial", "inertia", "mechanism", "dynamics", "interop")
 PARTS = js.Mechanism, js.StaticMechanism, js.Body, js.Joint, js.Frame, js.AppliedForces, js.Tendon
 OF_PARTS = {name: f for cls in PARTS for name, f in _methods(cls).items()}
 # Of converters those that need no other library.
@@ -96,19 +94,28 @@ def names():
         yield names
 
 
+def _lines(x):
+    return doctest.DocTestParser().get_examples(inspect.cleandoc(x.__doc__ or ""))
+
+
 @pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_an_example_prints_what_it_says(name, names):
+def test_a_docstring_ends_with_an_example(name):
     """Two to five lines, after all else. A method that says of which other it is has none."""
-    x = EXAMPLES[name]
-    doc = inspect.cleandoc(x.__doc__ or "")
-    examples = doctest.DocTestParser().get_examples(doc)
-    if not examples and (x.__module__.split(".")[1] not in WITH_EXAMPLES or not doc or _is_of_another(doc)):
+    doc, examples = inspect.cleandoc(EXAMPLES[name].__doc__ or ""), _lines(EXAMPLES[name])
+    if not examples and (not doc or _is_of_another(doc)):
         return
     assert "\nExample:\n    >>> " in doc and not re.search(r"^\w", doc.partition("\nExample:\n")[2], re.M)
     assert sum(len(f"{e.source}{e.want}".splitlines()) for e in examples) in range(2, 8) and examples[-1].want
+
+
+RUN = [pytest.param(x, marks=[pytest.mark.slow] if x in LONG else []) for x in sorted(EXAMPLES) if _lines(EXAMPLES[x])]
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_an_example_prints_what_it_says(name, names):
     said = []
     with compiled_soon():
-        test = doctest.DocTest(examples, dict(names), name, None, None, None)
+        test = doctest.DocTest(_lines(EXAMPLES[name]), dict(names), name, None, None, None)
         doctest.DocTestRunner(verbose=False).run(test, out=said.append)
     assert not said, "".join(said)
 

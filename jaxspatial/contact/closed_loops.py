@@ -102,6 +102,11 @@ def constraint_error(
     Error: in every precision 8 u of 1 rad and of the largest coordinate of an origin in the world, in addition to the
         errors of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
+
+    Example:
+        >>> pin = js.LoopClosure("world", "hand", "ball")
+        >>> print(js.constraint_error(arm, q, [pin]))
+        [-0.7749  0.     -1.8329]
     """
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
 
@@ -140,6 +145,12 @@ def constraint_jacobian(
     Error: in every precision 8 u of the largest number of `jacobian` of the frames, in addition to its errors and those
         of `forward_kinematics`.
     Source: Featherstone 2008, 8.2 (loop constraints).
+
+    Example:
+        >>> pin = js.LoopClosure("world", "hand", "ball")
+        >>> J = js.constraint_jacobian(arm, q, [pin])
+        >>> print(np.allclose(J, js.jacobian(arm, q, "hand")[3:], atol=1e-6))
+        True
     """
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
 
@@ -208,6 +219,12 @@ def constrained_forward_dynamics(
         float32. Closures that contradict one another by r add 1e-7 r in float64, 1e-2 r in float32.
     Source: Carpentier, Budhiraja, Mansard 2021, Proximal and sparse resolution of constrained dynamic equations;
         Baumgarte 1972, Stabilization of constraints and integrals of motion in dynamical systems.
+
+    Example:
+        >>> pin = js.LoopClosure("world", "lower", "ball")  # already there: it holds the elbow
+        >>> found = js.constrained_forward_dynamics(arm, q, 0 * v, tau, [pin])
+        >>> print(np.abs(js.constraint_jacobian(arm, q, [pin]) @ found.vdot).max() < 1e-4)
+        True
     """
     operation = "constrained_forward_dynamics"
     q, v, tau, forces, closures, distances = _checked(
@@ -260,6 +277,12 @@ def close_loops(
     Error: the residual, which is as small as the error of `constraint_error` where iterations have converged.
     Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity
         assumption.
+
+    Example:
+        >>> rope = js.LoopClosure("world", "hand", "distance", 1.5)
+        >>> closed = js.close_loops(arm, q, [rope])
+        >>> print(closed.q, closed.residual < 1e-5)
+        [ 0.5    -1.4455] True
     """
     q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)

@@ -79,6 +79,12 @@ def contact_forces(
         and 64 u of the force; depth is a difference of positions.
     Source: Hunt, Crossley 1975, Coefficient of restitution interpreted as damping in vibroimpact; Castro and others
         2020, A transition-aware method for the simulation of compliant contact with regularized friction.
+
+    Example:
+        >>> tip = js.PointContacts(["hand"], stiffness=1e4, relaxation_time=0.01, friction=0.8)
+        >>> floor = js.HalfSpace(jnp.array([0.0, 0.0, 1.0]), jnp.array(-1.96875))  # 1/32 m above the hand
+        >>> print(js.contact_forces(arm, 0 * q, 0 * v, tip, floor).wrenches.f)
+        [[  0.    0.  312.5]]
     """
     what = "contact_forces"
     at = contact_geometry(what, mechanism, q, v, contacts, ground, precision)

@@ -98,6 +98,13 @@ def contact_report(
     Error: of points and velocities that of `forward_kinematics` and `body_velocities`; depth is a difference of
         positions.
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact.
+
+    Example:
+        >>> tip = js.PointContacts(["hand"], stiffness=1e4, relaxation_time=0.01, friction=0.8)
+        >>> floor = js.HalfSpace(jnp.array([0.0, 0.0, 1.0]), jnp.array(-1.96875))  # 1/32 m above the hand
+        >>> report = js.contact_report(arm, 0 * q, 0 * v, tip, floor)
+        >>> print(report.depths, report.touches)
+        [0.0312] [ True]
     """
     what = "contact_report"
     at_q, at_v, h = checked(what, mechanism, q=q, v=v, dt=dt)

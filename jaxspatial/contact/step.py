@@ -158,6 +158,13 @@ def convex_step(
         ground sees points of 16 bits.
     Source: Castro, Permenter, Han 2022, An unconstrained convex formulation of compliant contact; Featherstone 2008,
         table 7.1; Drake 1.51, SapDriver, whose numbers these are.
+
+    Example:
+        >>> tip = js.PointContacts(["hand"], stiffness=1e4, relaxation_time=0.01, friction=0.8)
+        >>> floor = js.HalfSpace(jnp.array([0.0, 0.0, 1.0]), jnp.array(-1.96875))  # 1/32 m above the hand
+        >>> after = js.convex_step(arm, 0 * q, 0 * v, tau, 1e-3, contacts=tip, ground=floor)
+        >>> print(after.contact_forces.f)
+        [[  0.6074   0.     312.5   ]]
     """
     *state, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     given = _checked(mechanism, state[0], contacts, ground, pairs, loops)
