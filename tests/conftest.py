@@ -56,8 +56,7 @@ LONGEST = (
 # Here XLA compiles what callers write around our programs, and what is compared are formulas, within limits, or
 # programs with one another: for them it compiles in a third of the time. Programs themselves are machine code of our
 # own all the same. Distances of shapes are no programs: their errors are held as XLA compiles them for users.
-COMPILED_SOON = ("contact", "dynamics", "interop", "mechanism", "peers", "test_docstrings.py", "test_export.py",
-                 "test_reference.py", "test_viewer.py")  # fmt: skip
+COMPILED_SOON = ("contact", "dynamics", "interop", "mechanism", "peers", "test_export.py", "test_viewer.py")
 COMPILED_AS_FOR_USERS = ("test_distances.py", "test_height_field.py", "test_signed_distances.py")
 
 

@@ -27,7 +27,7 @@ from jaxspatial.mechanism.shapes import direction
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot
-from jaxspatial.numerics.numbers import Mask, Number, constant, high, is_constant, is_number, where, where_any
+from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, high, is_constant, is_number, where, where_any
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.spatial import SpatialForce
@@ -174,22 +174,32 @@ def between(
 ) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
     """(the normal from one to the other, the distance between surfaces, the offsets of C from both) of pairs.
 
-    C is midway between the surfaces; its offsets are from the centres of spheres, and from the origin of the frame of a
-    shape.
+    C is between the surfaces, each of which gives way by its share of the depth: the one that is twice as stiff, by
+    half as much. Its offsets are from the centres of spheres, and from the origin of the frame of a shape.
     """
     p_WB = _centres(mechanism, q, spheres, precision)
+    k_A, k_B = (check.expanded(_each(x.stiffness, x)) for x in (others, spheres))
     if isinstance(others, ShapeContacts):
         X_WA = forward_kinematics(mechanism, q, others.frames, precision=precision)
         from_origin = p_WB - X_WA.translation
         n_A, s = others.shape.normals_and_distances(precision, X_WA.rotation.inverse() @ from_origin)
         normal, r_B = X_WA.rotation @ n_A, jnp.broadcast_to(spheres.radius, s.shape)
         distance = s - r_B
-        from_b = -(r_B + distance / 2)[..., None] * normal
+        from_b = _to_contact(precision, -normal, *map(check.expanded, (r_B, distance)), k_B, k_A)
         return normal, distance, from_origin + from_b, from_b
     normal, length = _direction(precision, p_WB - _centres(mechanism, q, others, precision))
     r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in (others, spheres))
     distance = length - r_A - r_B
-    return normal, distance, (r_A + distance / 2)[..., None] * normal, -(r_B + distance / 2)[..., None] * normal
+    of_a, of_b, d = map(check.expanded, (r_A, r_B, distance))
+    from_a = _to_contact(precision, normal, of_a, d, k_A, k_B)
+    return normal, distance, from_a, _to_contact(precision, -normal, of_b, d, k_B, k_A)
+
+
+@formula
+def _to_contact(n: Vector, radius: Numbers, distance: Numbers, k: Numbers, other: Numbers) -> Vector:
+    """From the centre of a sphere along its normal n, by its radius, and by its share of the distance to another."""
+    total = k[0] + other[0]
+    return (radius[0] + (other[0] / where(high(total) == 0, 1.0, total)) * distance[0]) * n
 
 
 def harmonic_mean(a: Any, b: Any) -> jax.Array:

@@ -34,7 +34,7 @@ class ContactReport(NamedTuple):
     """What is known of n contacts, those of `contacts` first and then those of `pairs`, in world axes.
 
     points: (*batch, n, 3) p_WC, the contact points that `contact_forces` of a step are about, m: on the ground under a
-        sphere; of a pair midway between the surfaces.
+        sphere; of a pair between the surfaces, as far from each as it gives way: nearer to the stiffer one.
     normals: (*batch, n, 3) out of the ground, or from a to b.
     depths: (*batch, n) how far the surfaces are inside one another, m; below zero apart.
     approach: (*batch, n) how fast they come together along the normal, m/s.

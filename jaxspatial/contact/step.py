@@ -103,7 +103,7 @@ def convex_step(
 
     How hard contacts are is a share of w, the size of the operator J D^-1 J^T of their points, with D the diagonal of
     A. It depends on the axes of velocities: those of a floating root are taken along the axes of the world, as in
-    Drake, or along those of its body if the root has damping or armature.
+    Drake.
 
     Friction that slides lifts a body by dt' mu |v_t|, with dt' = dt + tau_d, if that is more than its depth: an
     artefact of convexity. Contacts that are found outside of the ground do nothing in this step, however fast they
@@ -137,8 +137,9 @@ def convex_step(
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; or
             ShapeContacts and PointContacts, of which sphere i touches the shape on frame i. None for none. Both
             surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
-            2 mu mu' / (mu + mu'). Of spheres with one centre that of b is pushed along z of the world, with the
-            derivatives of a plane across z; inside a shape along its normal, see there.
+            2 mu mu' / (mu + mu'). The contact point is between the surfaces, as far from each as it gives way. Of
+            spheres with one centre that of b is pushed along z of the world, with the derivatives of a plane across z;
+            inside a shape along its normal, see there.
         loops: LoopClosures, such as `mechanism.loops`.
         precision: name of a precision; None takes the default.
 

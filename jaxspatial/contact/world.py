@@ -94,7 +94,7 @@ class World:
         self.bodies = [self._body(b, x, link) for b, x, link in zip(state.bundles, placed, links, strict=True)]
 
     def _body(self, bundle: Bundle, placed: tuple[Matrix, Vector], link: Link) -> Body:
-        (R, r), M, state = placed, link.inertia, self.state
+        (R, r), M = placed, link.inertia
         dt = stacking.mapped(lambda w: w[None], self.dt)
         S = tuple(Motion(R @ s.w, R @ s.v) for s in link.joint.subspace)
         inertia = Inertia(M.mass, R @ M.com, congruence(R, M.central))
@@ -105,9 +105,14 @@ class World:
         )
         turns = has_floating_roots(bundle) and all(is_constant(x) and x.value == 0 for x in resistance)
         if turns:
-            e, zero = state.world.R, state.zero_vector
-            S = (*(Motion(x, zero) for x in e), *(Motion(zero, x) for x in e))
+            S = self._along_world
         return Body(R, r, S, inertia, resistance, turns)
+
+    @property
+    def _along_world(self) -> tuple[Motion, ...]:
+        """The motions of a free joint along the axes of the world."""
+        e, zero = self.state.world.R, self.state.zero_vector
+        return *(Motion(x, zero) for x in e), *(Motion(zero, x) for x in e)
 
     def of_states(self, n: int) -> "World":
         """The same in n states, of which the caller has all numbers."""
@@ -260,15 +265,18 @@ class World:
         return _units_of(self)
 
     @functools.cached_property
-    def diagonal_by_bundle(self) -> list[Numbers]:
-        """The diagonal of A without mimics: for every bundle a number of each velocity."""
+    def composites(self) -> list[Inertia]:
+        """The inertia of each body and of all that hang on it, about its origin, of every bundle."""
         links = [(body.inertia, body.r) for body in self.bodies]
-        composites = recursion.inward(self.state, _composite, self.state.zero_inertia, links, join=combined)
+        return recursion.inward(self.state, _composite, self.state.zero_inertia, links, join=combined)
+
+    def diagonal_by_bundle(self, bodies: Sequence[Body]) -> list[Numbers]:
+        """The diagonal of A without mimics, for motions S of bodies: for every bundle a number of each velocity."""
         return [
             tuple(
                 algebra.power(algebra.apply_inertia(M, s), s) + a for s, a in zip(body.S, body.resistance, strict=True)
             )
-            for body, M in zip(self.bodies, composites, strict=True)
+            for body, M in zip(bodies, self.composites, strict=True)
         ]
 
     @property
@@ -276,17 +284,29 @@ class World:
         """The diagonal of A (nv, B)."""
         if self.state.topology.has_mimics:
             return self.units.diagonal
-        return self.state.numbers_by_velocity(self.diagonal_by_bundle)
+        return self.state.numbers_by_velocity(self.diagonal_by_bundle(self.bodies))
 
     @functools.cached_property
     def mobility(self) -> list[Articulated]:
         """S D^-1 S^T of the velocities that carry each body, with D the diagonal of A, of every bundle.
 
         As an Articulated with velocities in place of torques and angular velocities in place of forces: both move to
-        another point alike.
+        another point alike. Velocities of floating roots count along the axes of the world, whether or not others are
+        used for want of known numbers: how hard contacts are does not depend on what is known.
         """
-        both = [(body.S, body.r, d) for body, d in zip(self.bodies, self.diagonal_by_bundle, strict=True)]
+        bodies = [
+            self._as_along_world(body) if has_floating_roots(b) and not body.turns else body
+            for b, body in zip(self.state.bundles, self.bodies, strict=True)
+        ]
+        both = [(body.S, body.r, d) for body, d in zip(bodies, self.diagonal_by_bundle(bodies), strict=True)]
         return recursion.outward(self.state, _mobility, articulated.none(self.state.known(0.0)), both)
+
+    def _as_along_world(self, body: Body) -> Body:
+        """A floating root with velocities along the axes of the world, of whose resistance the diagonal is left."""
+        turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
+        squares = [Vector(*(x * x for x in row)) for row in body.R]
+        resistance = tuple(dot(x, own) for own in (turning, moving) for x in squares)
+        return body._replace(S=self._along_world, resistance=resistance)
 
     def relative_mobility(self, ends: Ends, arm_b: Vector, arm_a: Vector) -> tuple[Articulated, Articulated]:
         """J D^-1 J^T of the motion of bodies b for observers on bodies a, about points: numbers (n, B); and the same as

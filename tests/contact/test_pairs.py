@@ -1,153 +1,415 @@
-"""Spheres on a body against a shape on another: as pairs of spheres where both are, and laws of momentum."""
+"""Spheres on a body against a shape on another: the optimum, laws of mechanics, cases that one works out by hand."""
 
-import itertools
+import functools
 
 import jax
 import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers import contact_oracle as oracle
+from tests.helpers import contact_pairs as scenes
+from tests.helpers.contact_pairs import BOXES, HANDS, LOWER, SQUEEZES, G, Numbers, in_series, mean_friction
 from tests.helpers.interpreted import interpreted
 
-LAW = {"stiffness": np.float64(2e4), "relaxation_time": np.float64(0.01), "friction": np.float64(0.5)}
-SIZES = {"lower": np.array([0.6, 0.5, 0.2]), "upper": np.array([0.3, 0.2, 0.2])}
-MASSES = {"lower": 4.0, "upper": 2.0}
+# -- random states, and cases of theory, in one program ---------------------------------------------------------------
+
+# Masses that lie up to six decades apart, and surfaces.
+ANY = [
+    {},
+    {"masses": (1.0, 1e3), "stiffness": (1e6, 3e5), "friction": (0.2, 1.5)},
+    {"masses": (1e3, 1e-3), "friction": (0.0, 0.7), "relaxation_time": (0.0, 0.1)},
+    {"masses": (1e-3, 1.0), "stiffness": (1e3, 1e5), "size": (0.05, 0.4, 0.1)},
+]
 
 
-def corners(name):
-    return np.array(list(itertools.product(*([-x / 2, x / 2] for x in SIZES[name]))))
+def any_cases(make, base, n, shape="box", seed=0):
+    """n random states of each of ANY."""
+    found = []
+    for k, numbers in enumerate(ANY):
+        own = base._replace(
+            **{x: np.asarray(y, float) for x, y in numbers.items() if make is not scenes.hand or x != "size"}
+        )
+        states = scenes.states(make, own, n, shape, seed + k)
+        found += [scenes.Case(own, scenes.State(*x), np.float64(5e-3)) for x in zip(*states, strict=True)]
+    return found
 
 
-def boxes(gravity=(0.0, 0.0, -9.81)):
-    bodies = [js.Body(k, js.SpatialInertia.solid_box(s, mass=np.float64(MASSES[k]))) for k, s in SIZES.items()]
-    mech = js.Mechanism.build(bodies, [js.Joint(f"to {k}", "free", "world", k) for k in SIZES])
-    return mech.replace(gravity=np.array(gravity))
+@functools.cache
+def of_boxes():
+    """(cases, ConvexSteps (n, 500)): those of BOXES, and random ones, of which the second half is without gravity."""
+    cases = any_cases(scenes.two_bodies, Numbers.of(), 6)
+    for i in range(len(cases) // 2, len(cases)):
+        cases[i] = cases[i]._replace(numbers=cases[i].numbers._replace(gravity=np.zeros(3)))
+    cases = [*BOXES.values(), *cases]
+    return cases, scenes.rolled_out(scenes.two_bodies, cases, 500)
 
 
-def pair(shape=None, friction=0.5):
-    shape = js.Box(SIZES["lower"]) if shape is None else shape
-    law = LAW | {"friction": friction}
-    return js.ShapeContacts(["lower"] * 8, shape, **law), js.PointContacts(
-        ["upper"] * 8, corners("upper"), np.float64(0), **law
-    )
+def rolled(name):
+    """(the Case, its q and v after each step, forces on contacts with the ground and on the upper box)."""
+    i = list(BOXES).index(name)
+    found = of_boxes()[1]
+    f = found.contact_forces.f[i]
+    return BOXES[name], found.q[i], found.v[i], f[:, :4], f[:, 4:]
 
 
-def states(n=3, seed=0):
-    """The upper box a little inside the lower one, and turned by little."""
-    rng = np.random.default_rng(seed)
-    q = np.zeros((n, 14))
-    q[:, 0], q[:, 7], q[:, 6], q[:, 13] = 1, 1, 0.5, 0.69
-    q[:, 8:11] = 0.03 * rng.normal(size=(n, 3))
-    q[:, 1:4] = 0.3 * rng.normal(size=(n, 3))
+def against_the_oracle(make, cases, found, shape="box"):
+    """Velocities to 1e-8 of the largest, or of what gravity adds; forces to 1e-6. How many pairs push."""
+    pushing = 0
+    for i, (numbers, state, dt) in enumerate(cases):
+        with jax.enable_x64(True):
+            scene = make(numbers, shape)
+            mech = scene.mechanism
+            (expected,) = oracle.steps_of(
+                mech, *(x[None] for x in state), dt, scene.contacts, oracle.on_plane, scene.pairs
+            )
+        q, v, f = found.q[i, 0], found.v[i, 0], found.contact_forces.f[i, 0]
+        size = max(abs(expected.v).max(), abs(state.v).max(), G * dt)
+        np.testing.assert_allclose(oracle.in_world(mech, q) @ v, expected.v, rtol=0, atol=1e-8 * size, err_msg=f"{i}")
+        largest = max(abs(expected.forces).max(), 1e-3 * numbers.masses.min())
+        np.testing.assert_allclose(f, expected.forces, rtol=0, atol=1e-6 * largest, err_msg=f"{i}")
+        pushing += np.count_nonzero(f[len(scene.contacts.frames) :].any(1))
+    return pushing
+
+
+def test_boxes_are_at_the_optimum():
+    """Of masses up to six decades apart; the surfaces give way each by its share."""
+    cases, found = of_boxes()
+    first = jax.tree.map(lambda x: x[len(BOXES) :], found)
+    assert against_the_oracle(scenes.two_bodies, cases[len(BOXES) :], first) > 15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("make", "base", "shape"),
+    [
+        *((scenes.two_bodies, Numbers.of(), x) for x in scenes.SHAPES),
+        (scenes.hand, scenes.HELD, "cylinder"),
+        (scenes.hand, scenes.HELD, "box"),
+        (scenes.arm, Numbers.of(), "box"),
+    ],
+)
+def test_two_hundred_states_are_at_the_optimum(make, base, shape):
+    cases = any_cases(make, base, 50, shape, seed=10)
+    assert against_the_oracle(make, cases, scenes.rolled_out(make, cases, 1, shape), shape) > 100
+
+
+def test_impulses_are_what_momenta_change_by():
+    """The third law: of each body by the forces about the points of the report, on a pair the same with both signs."""
+    cases, found = of_boxes()
+    cases, found = cases[len(BOXES) :], jax.tree.map(lambda x: x[len(BOXES) :, 0], found)
+    turned = 0.0
+    for i, (numbers, (q, v, _), dt) in enumerate(cases):
+        f = found.contact_forces.f[i]
+        with jax.enable_x64(True):
+            scene = scenes.two_bodies(numbers)
+            points = _points(scene, q)
+        # On the lower box, on the upper one.
+        on_bodies = [np.concatenate([f[:4], -f[4:]]), f[4:]]
+        at = [points, points[4:]]
+        for k, size in enumerate((LOWER, numbers.size)):
+            m, rows, places = numbers.masses[k], slice(6 * k, 6 * k + 6), slice(7 * k, 7 * k + 7)
+            R, R_after = (oracle._rotation(x[places][:4]) for x in (q, found.q[i]))
+            inertia = R @ np.diag((size**2).sum() - size**2) @ R.T * m / 12
+            w, p_rate = (R @ x for x in v[rows].reshape(2, 3))
+            w_after, rate_after = (R_after @ x for x in found.v[i][rows].reshape(2, 3))
+            impulse = dt * (on_bodies[k].sum(0) + m * numbers.gravity)
+            of_turning = dt * (np.cross(at[k] - q[places][4:], on_bodies[k]).sum(0) - np.cross(w, inertia @ w))
+            size_of = max(abs(dt * f).max(), m * G * dt)
+            np.testing.assert_allclose(m * (rate_after - p_rate), impulse, rtol=0, atol=1e-9 * size_of)
+            np.testing.assert_allclose(inertia @ (w_after - w), of_turning, rtol=0, atol=1e-9 * size_of)
+            turned = max(turned, abs(of_turning).max() / size_of)
+    assert turned > 0.01
+
+
+def _points(scene, q):
+    still = np.zeros(scene.mechanism.nv)
+    return _reported(scene, q[None], still[None]).points[0]
+
+
+def _reported(scene, q, v):
+    """The ContactReport of states."""
+    mech = scene.mechanism
+    report = functools.partial(js.contact_report, mech, contacts=scene.contacts, pairs=scene.pairs)
+    return interpreted(jax.vmap(report))(q, v)
+
+
+# -- what one works out -----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["rests", "heavy on light", "light on heavy"])
+def test_a_stack_rests(name):
+    """Forces carry the weights, and contacts give way by as much: of two surfaces in series."""
+    (numbers, _, _), q, v, on_ground, on_upper = rolled(name)
+    weights = G * numbers.masses
+    # The light one takes its time.
+    assert abs(v[-1]).max() < 1e-7
+    np.testing.assert_allclose(on_ground[-1].sum(0), [0, 0, weights.sum()], rtol=1e-6, atol=1e-6 * weights.sum())
+    np.testing.assert_allclose(on_upper[-1].sum(0), [0, 0, weights[1]], rtol=1e-6, atol=1e-6 * weights[1])
+    sunk = LOWER[2] / 2 - q[-1, 6], (LOWER[2] + numbers.size[2]) / 2 - (q[-1, 13] - q[-1, 6])
+    expected = weights.sum() / (4 * numbers.stiffness[0]), weights[1] / (4 * in_series(numbers))
+    np.testing.assert_allclose(sunk, expected, rtol=1e-5)
+
+
+def test_a_box_slides_as_far_as_friction_lets_it():
+    """v^2 / (2 mu g), with the friction of both surfaces; what it slides on stays."""
+    (numbers, state, _), q, v, _, _ = rolled("slides")
+    expected = state.v[9] ** 2 / (2 * mean_friction(numbers) * G)
+    np.testing.assert_allclose(q[-1, 11] - state.q[11], expected, rtol=0.02)
+    assert abs(v[-1]).max() < 1e-4 and abs(q[-1, 4:6]).max() < 1e-3
+
+
+def test_a_box_slips_on_a_slope_beyond_the_angle_of_friction():
+    """And before it creeps: with g (sin - mu cos) it slides down."""
+    (numbers, _, dt), _, v, _, _ = rolled("sticks")
+    assert 0 <= v[-1, 9] < 2e-3 * dt * G
+    (numbers, _, dt), _, v, _, _ = rolled("slips")
+    g, n = numbers.gravity, 300
+    friction = (g[0] - v[n - 1, 9] / (n * dt)) / -g[2]
+    np.testing.assert_allclose(friction, mean_friction(numbers), rtol=0.02)
+
+
+def test_a_box_tips_where_its_weight_leaves_its_foot():
+    """On a slope of tan = width / height, by 4 % more and less."""
+    for name, tips in (("stands", False), ("tips", True)):
+        _, q, _, _, _ = rolled(name)
+        tilt = 2 * np.arccos(np.minimum(1, abs(q[:, 7])))
+        assert (tilt.max() > 0.5) == tips, name
+        assert tilt.max() > 0.5 or tilt[-1] < 1e-3
+
+
+def test_a_box_that_falls_on_another_loses_energy():
+    """Kinetic, potential and elastic: in a step it rises by what is newly found inside, at most; else it never does."""
+    (numbers, state, _), q, v, _, _ = rolled("falls")
     with jax.enable_x64(True):
-        R = np.asarray(js.Rotation.from_quaternion(q[:, :4]).to_matrix())
-        own = js.Rotation.from_quaternion(q[:, 7:11])
-        q[:, 7:11] = (js.Rotation.from_quaternion(q[:, :4]) @ own).to_quaternion()
-    q[:, 11:14] = np.einsum("nij,nj->ni", R, np.array([0.1, 0.05, 0.195]) + 0.01 * rng.normal(size=(n, 3)))
-    q[:, 11:14] += q[:, 4:7]
-    return q, 0.3 * rng.normal(size=(n, 12))
+        scene = scenes.two_bodies(numbers)
+        mech = scene.mechanism
+        q, v = np.concatenate([state.q[None], q]), np.concatenate([state.v[None], v])
+        depth = _reported(scene, q, v).depths
+        energy = interpreted(jax.vmap(lambda q, v: js.kinetic_energy(mech, q, v) + js.potential_energy(mech, q)))(q, v)
+    k = np.repeat([numbers.stiffness[0], in_series(numbers)], 4)
+    elastic = k * np.maximum(depth, 0) ** 2 / 2
+    is_new = (depth[:-1] < 0) & (depth[1:] >= 0)
+    rise = np.diff(energy + elastic.sum(1)) - (elastic[1:] * is_new).sum(1)
+    # It falls by 0.1 m, and turns.
+    assert is_new[:, 4:].sum() >= 4 and energy[0] - energy[-1] > numbers.masses[1] * G * 0.1
+    # Normals turn with the box below.
+    assert rise.max() < 1e-6 * energy[0]
+
+
+# -- hands ------------------------------------------------------------------------------------------------------------
+
+
+@functools.cache
+def of_hands():
+    return scenes.rolled_out(scenes.hand, list(HANDS.values()), 200, "cylinder")
+
+
+@pytest.mark.parametrize("name", HANDS)
+def test_a_hand_holds_what_friction_carries(name):
+    """A cylinder between two fingers: mu N of each against half of its weight, and of what lifts it."""
+    i, (numbers, state, dt) = list(HANDS).index(name), HANDS[name]
+    found = jax.tree.map(lambda x: x[i], of_hands())
+    squeeze, lift = SQUEEZES.get(name, (1.05, 0.0))
+    mass, N, n = numbers.masses[1], state.tau[1], len(found.q)
+    f = found.contact_forces.f[:, 3:]
+    slip = found.v[-1, 0] - found.v[-1, 8]
+    if squeeze > 1:
+        assert abs(slip) < 1e-3 * max(1, numbers.masses[1] / numbers.masses[0]) * dt * (G + lift)
+        # The damping of the lift is some of it.
+        np.testing.assert_allclose(-f[-1].sum(0), [0, 0, mass * (G + lift)], rtol=0, atol=0.05 * mass * (G + lift))
+        np.testing.assert_allclose(f[-1, :2, 1].sum(), -N, rtol=1e-3)
+        assert lift == 0 or found.q[-1, 9] - state.q[9] > 0.9 * lift * (n * dt) ** 2 / 2
+    else:
+        friction = mass * (G + found.v[-1, 8] / (n * dt)) / (2 * N)
+        np.testing.assert_allclose(friction, mean_friction(numbers), rtol=0.03)
+        assert slip > 0.8 * 0.1 * (G + lift) * n * dt
+
+
+# -- a robot that touches itself --------------------------------------------------------------------------------------
+
+FOLDED = """<robot name="folded">
+  <link name="base"><inertial><mass value="3"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><box size="0.4 0.4 0.2"/></geometry></collision></link>
+  <link name="upper"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><geometry><sphere radius="0.05"/></geometry></collision></link>
+  <link name="lower"><inertial><mass value="1"/><inertia ixx=".1" iyy=".1" izz=".1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <collision><origin xyz="0 0 0.1"/><geometry><capsule radius="0.03" length="0.2"/></geometry></collision></link>
+  <joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/>
+    <origin xyz="0 0 0.1"/><axis xyz="0 1 0"/></joint>
+  <joint name="elbow" type="continuous"><parent link="upper"/><child link="lower"/>
+    <origin xyz="0 0 0.22"/><axis xyz="0 1 0"/></joint>
+</robot>"""
+
+
+def folded():
+    """(the mechanism, pairs: the ends of the capsule on its last link against the box of its base, a state)."""
+    with jax.enable_x64(True):
+        mech = js.Mechanism.from_urdf(FOLDED, floating_base=True, dtype=np.float64)
+        law = {"stiffness": np.float64(1e4), "relaxation_time": np.float64(0.01)}
+        ends = js.PointContacts.from_urdf(mech, FOLDED, bodies=["lower"], friction=np.float64(0.8), **law)
+        base = js.ShapeContacts(["base"] * 2, js.Box(np.array([0.4, 0.4, 0.2])), friction=np.float64(0.4), **law)
+    q = np.array([0.9, 0.1, -0.2, 0.3, 0, 0, 5.0, 0.0, np.pi - 0.3])
+    q[:4] /= np.linalg.norm(q[:4])
+    v = np.array([0.1, -0.2, 0.3, 0.1, 0.2, -0.1, 1.0, -0.5])
+    return mech, (base, ends), q, v
+
+
+def test_a_robot_that_touches_itself():
+    """By the names of links and the shapes of its file: at the optimum, and without a force on the whole robot."""
+    mech, pairs, q, v = folded()
+    tau, dt = np.zeros(8), 5e-3
+    ends = pairs[1]
+    with jax.enable_x64(True):
+        touching, free = (
+            interpreted(lambda q, v, given=given: js.convex_step(mech, q, v, tau, dt, contacts=ends, **given))(q, v)
+            for given in ({"pairs": pairs}, {})
+        )
+        (expected,) = oracle.steps_of(mech, q[None], v[None], tau[None], dt, ends, pairs=pairs)
+        momenta = []
+        for after in (touching, free):
+            # Along the axes at the old q, where momentum is what impulses change.
+            along = oracle.in_world(mech, q).T @ oracle.in_world(mech, after.q) @ after.v
+            momenta.append(interpreted(lambda v: js.centroidal_momentum(mech, q, v).to_array())(along))
+    np.testing.assert_allclose(oracle.in_world(mech, touching.q) @ touching.v, expected.v, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(touching.contact_forces.f, expected.forces, rtol=0, atol=1e-6)
+    f = touching.contact_forces.f
+    assert not f[:3].any() and np.linalg.norm(f[3]) > 1 and abs(touching.v - free.v).max() > 0.01
+    np.testing.assert_allclose(*momenta, rtol=0, atol=1e-10)
+    # It slides: with the friction of both surfaces.
+    n = np.asarray(oracle._rotation(q[:4]))[:, 2]
+    across = f[3] - (f[3] @ n) * n
+    np.testing.assert_allclose(np.linalg.norm(across) / (f[3] @ n), 2 * 0.8 * 0.4 / 1.2, rtol=1e-6)
+
+
+def test_a_report_of_one_state_is_that_of_the_definitions():
+    """Compiled, of a single state: depth, point and speeds of the ends of the capsule over the box."""
+    mech, pairs, q, v = folded()
+    with jax.enable_x64(True):
+
+        def report(q, v):
+            return js.contact_report(mech, q, v, pairs=pairs)
+
+        found, same = jax.tree.map(np.asarray, (jax.jit(report)(q, v), interpreted(report)(q, v)))
+        X = interpreted(lambda q: js.forward_kinematics(mech, q, ["base", "lower"]))(q)
+        V = interpreted(lambda q, v: js.body_velocities(mech, q, v).to_array())(q, v)
+        R, p = np.asarray(X.rotation.to_matrix()), X.translation
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(same), strict=True):
+        np.testing.assert_array_equal(a, b)
+    names = list(mech.body_names)
+    of_base, of_lower = V[names.index("base")], V[names.index("lower")]
+    touching = 0
+    for i, end in enumerate(pairs[1].positions):
+        center = p[1] + R[1] @ end
+        local = R[0].T @ (center - p[0])
+        n, distance = oracle.surface(js.Box(np.array([0.4, 0.4, 0.2])), local)
+        n, depth = R[0] @ n, 0.03 - distance
+        # Both surfaces are as stiff.
+        C = center - (0.03 - depth / 2) * n
+        speed = of_lower[3:] + np.cross(of_lower[:3], C - p[1]) - of_base[3:] - np.cross(of_base[:3], C - p[0])
+        np.testing.assert_allclose(found.depths[i], depth, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(found.points[i], C, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(found.normals[i], n, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(found.approach[i], -n @ speed, rtol=0, atol=1e-13)
+        np.testing.assert_allclose(found.slip[i], speed - (n @ speed) * n, rtol=0, atol=1e-13)
+        assert found.touches[i] == (depth >= 0)
+        touching += depth >= 0
+    assert touching == 1
+
+
+# -- shapes and spheres -----------------------------------------------------------------------------------------------
+
+LAW = {"stiffness": np.float64(2e4), "relaxation_time": np.float64(0.01), "friction": np.float64(0.5)}
+PAIR = js.ShapeContacts(["lower"] * 8, js.Box(LOWER), **LAW), js.PointContacts(["upper"] * 8, radius=0.1, **LAW)
+Q = np.array([1.0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0.245])
+with jax.enable_x64(True):
+    MECH = scenes.two_bodies(Numbers.of()).mechanism
 
 
 def test_a_ball_on_a_body_is_the_sphere_that_it_is():
-    """By both ways, velocities and forces; and their report."""
+    """By both ways, velocities and forces, and points, of surfaces that are not as stiff."""
+    rng = np.random.default_rng(0)
+    q = np.tile(Q, (3, 1)) + 0.02 * rng.normal(size=(3, 14))
+    v, at = 0.3 * rng.normal(size=(3, 12)), np.array([0.02, 0.01, 0.03])
+    q[:, :4], q[:, 7:11] = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (q[:, :4], q[:, 7:11]))
     with jax.enable_x64(True):
-        mech = boxes()
-        q, v = states()
-        q[:, 11:14] = q[:, 4:7] + np.array([0.1, 0.05, 0.25])
-        at = np.array([0.02, 0.01, 0.03])
         X = js.RigidTransform(js.Rotation.identity((), np.float64), at)
         shape = js.ShapeContacts(["lower"], js.Sphere(np.float64(0.15), X), **LAW)
         sphere = js.PointContacts(["lower"], at[None], np.float64(0.15), **LAW)
-        b = js.PointContacts(["upper"], None, np.float64(0.12), **LAW)
+        b = js.PointContacts(["upper"], None, np.float64(0.12), **LAW | {"stiffness": np.float64(1e5)})
 
         def of(a):
             def step(q, v):
-                after = js.convex_step(mech, q, v, np.zeros(12), 5e-3, pairs=(a, b))
-                report = js.contact_report(mech, q, after.v, pairs=(a, b), forces=after.contact_forces, dt=5e-3)
-                return after.v, after.contact_forces.f, report
+                after = js.convex_step(MECH, q, v, np.zeros(12), 5e-3, pairs=(a, b))
+                return after.v, after.contact_forces.f, js.contact_report(MECH, q, v, pairs=(a, b)).points
 
             return interpreted(jax.vmap(step))(q, v)
 
         found, expected = of(shape), of(sphere)
     assert (np.linalg.norm(found[1], axis=-1) > 1).all()
-    for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+    for x, y in zip(found, expected, strict=True):
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-8 * max(1, abs(y).max()))
 
 
-def test_forces_between_bodies_keep_all_momentum():
-    """The third law: of two bodies in empty space, let go inside one another, from rest."""
+def test_contacts_are_as_hard_whatever_is_known():
+    """Numbers of a mechanism may be arguments: the axes of a floating root count, which is free of damping or not."""
+    q, v = Q.copy(), np.zeros(12)
+    q[:4], q[7:11], v[9:] = [0.8, 0.3, -0.4, 0.33], [0.9, -0.1, 0.3, 0.3], [0.3, 0.2, -0.2]
+    q[:4], q[7:11] = (x / np.linalg.norm(x) for x in (q[:4], q[7:11]))
+    pair = [js.PointContacts([x], radius=np.float64(0.13), **LAW) for x in ("lower", "upper")]
     with jax.enable_x64(True):
-        mech = boxes((0.0, 0.0, 0.0))
-        q, _ = states()
 
-        def of(q):
-            after = js.convex_step(mech, q, np.zeros(12), np.zeros(12), 5e-3, pairs=pair())
-            return after, js.contact_report(mech, q, after.v, pairs=pair(), forces=after.contact_forces, dt=5e-3)
+        def step(mech):
+            return js.convex_step(mech, q, v, np.zeros(12), 5e-3, pairs=tuple(pair)).v
 
-        after, report = interpreted(jax.vmap(of))(q)
-        linear, angular, upper = 0, 0, 0
-        for k, (name, size) in enumerate(SIZES.items()):
-            old, new = (
-                np.asarray(js.Rotation.from_quaternion(x[:, 7 * k : 7 * k + 4]).to_matrix()) for x in (q, after.q)
-            )
-            w, v = (np.einsum("nij,nj->ni", new, after.v[:, i : i + 3]) for i in (6 * k, 6 * k + 3))
-            I = MASSES[name] / 12 * np.diag((size**2).sum() - size**2)  # noqa: E741
-            p, l = q[:, 7 * k + 4 : 7 * k + 7], MASSES[name] * v  # noqa: E741
-            h = np.einsum("nij,jk,nlk,nl->ni", old, I, old, w) + np.cross(p, l)
-            linear, angular, upper = linear + l, angular + h, h
-    f = after.contact_forces.f
-    assert abs(upper).max() > 0.05
-    np.testing.assert_allclose(linear, 0, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(angular, 0, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(upper, 5e-3 * np.cross(report.points, f).sum(1), rtol=0, atol=1e-10)
+        known = interpreted(lambda v: step(MECH) + 0 * v)(v)
+        found = interpreted(step)(MECH)
+    np.testing.assert_allclose(found, known, rtol=0, atol=1e-11)
+    assert abs(known - v).max() > 0.1
 
 
 def test_derivatives_are_differences():
-    """By the state, the size of the shape and friction."""
+    """By the state, and all numbers of the shape, of the spheres and of both surfaces."""
+    rng = np.random.default_rng(1)
+    along = (
+        rng.normal(size=24),
+        0.3 * np.array([1.0, -0.7, 0.8]),
+        rng.normal(size=(1, 3)) * 0.1,
+        *rng.normal(size=(3, 2)),
+    )
+    corners = scenes.corners(np.array([0.3, 0.2, 0.2]), (-1,))[:1]
+    q = Q.copy()
+    q[8:11], q[13] = [0.02, 0.01, 0.05], 0.197
     with jax.enable_x64(True):
-        mech = boxes()
-        q, v = states(2, seed=4)
-        rng = np.random.default_rng(1)
-        dq, dv, ds = rng.normal(size=(2, 12)), rng.normal(size=(2, 12)), np.array([0.3, 0.2, 0.5])
+        q[7:11] /= np.linalg.norm(q[7:11])
 
-        def of(s, q, v, dq, dv):
-            a, b = pair(js.Box(SIZES["lower"] + s * ds), 0.5 + s)
-            q = js.integrate(mech, q, dq, s)
-            after = js.convex_step(mech, q, v + s * dv, np.zeros(12), 5e-3, pairs=(a, b))
+        def of(s, v):
+            x, size, p, *surfaces = (s * y for y in along)
+            k = np.array([2e4, 5e4]) * (1 + surfaces[0])
+            tau_d = np.array([0.01, 0.02]) * (1 + surfaces[1])
+            mu = np.array([0.4, 0.7]) * (1 + surfaces[2])
+            law = [{"stiffness": k[i], "relaxation_time": tau_d[i], "friction": mu[i]} for i in range(2)]
+            pairs = (
+                js.ShapeContacts(["lower"], js.Box(LOWER + size), **law[0]),
+                js.PointContacts(["upper"], corners + p, 0.01 + p[:, 0], **law[1]),
+            )
+            after = js.convex_step(
+                MECH, js.integrate(MECH, q, x[:12], 1.0), v + x[12:], np.zeros(12), 5e-3, pairs=pairs
+            )
             return after.v, after.contact_forces.f
 
-        def slope(*at):
-            return jax.jvp(lambda s: of(s, *at), (0.0,), (1.0,))[1]
-
-        h, at = 1e-6, (q, v, dq, dv)
-        found = interpreted(jax.vmap(slope))(*at)
-        ahead, behind = (interpreted(jax.vmap(lambda *at, s=s: of(s, *at)))(*at) for s in (h, -h))
-    for own, x, y in zip(found, ahead, behind, strict=True):
-        assert abs(own).max() > 1
-        np.testing.assert_allclose(own, (x - y) / (2 * h), rtol=0, atol=1e-4 * abs(own).max())
-
-
-def test_a_stack_rests():
-    """One box on another, on the ground: forces carry the weights, and contacts give way by as much."""
-    with jax.enable_x64(True):
-        mech = boxes()
-        ground = js.PointContacts(["lower"] * 8, corners("lower"), np.float64(0), **LAW)
-        q = np.zeros(14)
-        q[[0, 7]], q[6], q[13], q[11] = 1, 0.1, 0.3, 0.05
-
-        def one(state, _):
-            after = js.convex_step(mech, *state, np.zeros(12), 1e-2, contacts=ground, pairs=pair())
-            return (after.q, after.v), after.contact_forces.f
-
-        (q, v), f = interpreted(lambda q: jax.lax.scan(one, (q, np.zeros(12)), None, 120))(q)
-    weights = 9.81 * np.array(list(MASSES.values()))
-    assert abs(v).max() < 1e-5
-    np.testing.assert_allclose(f[-1, :8, 2].sum(), weights.sum(), rtol=1e-4)
-    np.testing.assert_allclose(f[-1, 8:, 2].sum(), weights[1], rtol=1e-4)
-    # Four corners each; of two surfaces each has half of the stiffness.
-    sunk = weights.sum() / (4 * 2e4), weights[1] / (4 * 1e4)
-    np.testing.assert_allclose(0.1 - q[6], sunk[0], rtol=1e-3)
-    np.testing.assert_allclose(0.2 - (q[13] - q[6]), sunk[1], rtol=2e-2)
+        # It sticks, and it slides.
+        v = np.zeros((2, 12))
+        v[1, 9:] = 0.5, 0.3, -0.2
+        h = 1e-6
+        # In one program: values behind and ahead, and the derivative in between.
+        both = jax.vmap(lambda s, v: jax.jvp(lambda s: of(s, v), (s,), (1.0,)))
+        values, slopes = interpreted(both)(np.repeat([-h, 0, h], 2), np.tile(v, (3, 1)))
+    for x, own in zip(values, slopes, strict=True):
+        own = own[2:4]
+        assert (np.linalg.norm(own.reshape((2, -1)), axis=1) > 0.1).all()
+        np.testing.assert_allclose(own, (x[4:] - x[:2]) / (2 * h), rtol=0, atol=1e-5 * abs(own).max())
+    assert (np.linalg.norm(values[1], axis=-1) > 1).all()
 
 
 @pytest.mark.parametrize(
@@ -166,14 +428,14 @@ def test_a_stack_rests():
             "ShapeContacts: friction: expected numbers of at least 0, got -1.0",
         ),
         (
-            lambda: js.convex_step(boxes(), states()[0][0], np.zeros(12), np.zeros(12), 5e-3, pairs=pair()[::-1]),
+            lambda: js.convex_step(MECH, Q, np.zeros(12), np.zeros(12), 5e-3, pairs=PAIR[::-1]),
             TypeError,
             "convex_step: pairs: expected PointContacts, got ShapeContacts",
         ),
         (
             lambda: js.convex_step(
-                boxes(), states()[0][0], np.zeros(12), np.zeros(12), 5e-3,
-                pairs=(js.ShapeContacts(["upper"] * 8, js.Box(SIZES["lower"]), **LAW), pair()[1]),
+                MECH, Q, np.zeros(12), np.zeros(12), 5e-3,
+                pairs=(js.ShapeContacts(["upper"] * 8, js.Box(LOWER), **LAW), PAIR[1]),
             ),
             ValueError,
             "pairs: expected frames of two bodies, got 'upper' and 'upper', of one",

@@ -287,33 +287,102 @@ def problems_of(mech, q, v, tau, dt, contacts, ground=on_plane, pairs=None, loop
     of_spheres = np.stack([np.broadcast_to(np.asarray(x), (m, n)) for x in numbers], -1)
     with jax.enable_x64(True):
         found = _numbers(mech, contacts.frames, ground)(q, v, np.broadcast_to(positions, (m, n, 3)))
-        between = [_between(mech, x, pairs) if pairs else ([], []) for x in q]
+        between = _between(mech, q, pairs) if pairs else [([], [])] * m
         closures = list(zip(*(_held(mech, q, loop) for loop in loops), strict=True)) if loops else [()] * m
     each = zip(map(Numbers._make, zip(*found, strict=True)), q, v, tau, np.broadcast_to(dt, m), of_spheres, strict=True)
     return [_problem_of(mech, *x, *y) for x, y in zip(each, zip(between, closures, strict=True), strict=True)]
 
 
 def _between(mech, q, pairs):
-    """(a Contact, its axes) of each sphere that touches another."""
-    X, J = ([f(mech, q, x.frames) for x in pairs] for f in (js.forward_kinematics, js.jacobian))
-    centres = [X @ x.positions for X, x in zip(X, pairs, strict=True)]
+    """(a Contact of each sphere that touches another, or a shape; their axes) of each of several q."""
+
+    def numbers(q):
+        X, J = ([f(mech, q, x.frames) for x in pairs] for f in (js.forward_kinematics, js.jacobian))
+        return [(x.translation, x.rotation.to_matrix(), J) for x, J in zip(X, J, strict=True)]
+
+    of_a, of_b = interpreted(numbers)(q)
+    return [_of_pairs(pairs, *([x[k] for x in own] for own in (of_a, of_b))) for k in range(len(q))]
+
+
+def _of_pairs(pairs, of_a, of_b):
+    (p_a, R_a, J_a), (p_b, R_b, J_b) = of_a, of_b
+    others, spheres = pairs
+    n = len(p_b)
+    centres = p_b + _turned(R_b, spheres.positions, n)
+    at_a = p_a + _turned(R_a, others.positions, n)
     found, axes = [], []
-    for i, p_AB in enumerate(np.asarray(centres[1] - centres[0])):
-        radius, k, tau_d, mu = (
-            [np.broadcast_to(getattr(x, name), len(x.frames))[i] for x in pairs]
-            for name in ("radius", "stiffness", "relaxation_time", "friction")
-        )
-        length = np.linalg.norm(p_AB)
-        distance = length - sum(radius)
-        axes.append(_axes(p_AB / length))
-        C = np.asarray(centres[0])[i] + p_AB / length * (radius[0] + distance / 2)
-        at_C = [
-            np.asarray(own[i])[3:] - np.cross((C - np.asarray(x.translation)[i])[:, None], own[i][:3], axis=0)
-            for own, x in zip(J, X, strict=True)
-        ]
+    for i in range(n):
+        names = "stiffness", "relaxation_time", "friction"
+        k, tau_d, mu = ([np.broadcast_to(getattr(x, name), n)[i] for x in pairs] for name in names)
+        if isinstance(others, js.ShapeContacts):
+            shape = others.shape
+            normal, distance = surface(shape, R_a[i].T @ (centres[i] - p_a[i]), i if shape.batch_shape else None)
+            normal = R_a[i] @ normal
+        else:
+            normal, distance = _unit(centres[i] - at_a[i])
+            distance = distance - np.broadcast_to(others.radius, n)[i]
+        radius = np.broadcast_to(spheres.radius, n)[i]
+        distance = distance - radius
+        axes.append(_axes(normal))
+        # Each of the surfaces gives way by its share.
+        C = centres[i] - (radius + distance * k[0] / sum(k)) * normal
+        at_C = [own[i][3:] - np.cross((C - p[i])[:, None], own[i][:3], axis=0) for own, p in ((J_a, p_a), (J_b, p_b))]
         law = 1 / (1 / k[0] + 1 / k[1]), sum(tau_d), 2 * mu[0] * mu[1] / (mu[0] + mu[1])
         found.append(Contact(axes[-1] @ (at_C[1] - at_C[0]), distance, *law))
     return found, axes
+
+
+def _turned(R, positions, n):
+    return np.einsum("nij,nj->ni", R, np.zeros((n, 3)) if positions is None else np.broadcast_to(positions, (n, 3)))
+
+
+def _unit(v):
+    return v / np.linalg.norm(v), np.linalg.norm(v)
+
+
+def surface(shape, p, i=None):
+    """(the normal, the signed distance) of a point from a shape, or from its item i."""
+    number = {k: np.asarray(x if i is None else x[i]) for k, x in vars(shape).items() if k != "placement"}
+    R, origin = np.eye(3), np.zeros(3)
+    if shape.placement is not None:
+        parts = shape.placement.rotation.to_matrix(), shape.placement.translation
+        R, origin = (np.asarray(x if i is None or x.ndim == n else x[i]) for n, x in zip((2, 1), parts, strict=True))
+    n, distance = SURFACES[type(shape)](R.T @ (p - origin), **number)
+    return R @ n, distance
+
+
+def _of_box(p, size):
+    """Outside of the nearest point, inside of the nearest face."""
+    nearest = np.clip(p, -size / 2, size / 2)
+    if (nearest != p).any():
+        return _unit(p - nearest)
+    i = (abs(p) - size / 2).argmax()
+    return np.eye(len(p))[i] * np.sign(p[i]), abs(p[i]) - size[i] / 2
+
+
+def _of_cylinder(p, radius, length):
+    """In the plane through the axis."""
+    rho = np.linalg.norm(p[:2])
+    n, distance = _of_box(np.array([rho, p[2]]), np.array([2 * radius, length]))
+    return np.array([*p[:2] / rho * n[0], n[1]]), distance
+
+
+def _of_capsule(p, radius, length):
+    n, distance = _unit(p - [0, 0, np.clip(p[2], -length / 2, length / 2)])
+    return n, distance - radius
+
+
+def _of_half_space(p, normal, offset):
+    return _unit(normal)[0], p @ _unit(normal)[0] - offset
+
+
+SURFACES = {
+    js.Box: _of_box,
+    js.Cylinder: _of_cylinder,
+    js.Capsule: _of_capsule,
+    js.HalfSpace: _of_half_space,
+    js.Sphere: lambda p, radius: (_unit(p)[0], np.linalg.norm(p) - radius),
+}
 
 
 def _held(mech, q, loop):
