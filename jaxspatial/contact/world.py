@@ -409,7 +409,8 @@ class Units(NamedTuple):
     recursions, as a generalized velocity moves bodies in several places.
 
     world: of nv times as many states: velocity after velocity, each in all states. v: (nv, nv B), these velocities.
-    motions: of every bundle. A: (nv, nv, B). diagonal: of A, (nv, B).
+    motions: of every bundle. A: (nv, nv, B). diagonal: of A, (nv, B). roots: of floating roots whose velocities are not
+    along the axes of the world, the first row of these, and R (1, B).
     """
 
     world: World
@@ -417,6 +418,7 @@ class Units(NamedTuple):
     motions: list[Motion]
     A: Number
     diagonal: Number
+    roots: list[tuple[int, Matrix]]
 
     def relative_mobility(self, n: int, ends: Ends, arm_b: Vector, arm_a: Vector) -> tuple[Articulated, Articulated]:
         """That of a World of n states, without the coupling of turning and moving: sums over all velocities."""
@@ -425,7 +427,8 @@ class Units(NamedTuple):
         def by_velocity(bodies: Sequence[int], arm: Vector) -> Motion:
             V = algebra.shifted_motion(self.world.of_bodies(bodies, self.motions), tiled(arm, n, nv))
             each = jax.tree.map(lambda x: stacking.spread(x, (m, state.n)), V, is_leaf=is_number)
-            return stacking.mapped(lambda w: jnp.moveaxis(w.reshape((m, nv, n)), 1, 0), each)
+            each = stacking.mapped(lambda w: jnp.moveaxis(w.reshape((m, nv, n)), 1, 0), each)
+            return jax.tree.map(self._along_world, each, is_leaf=is_number)
 
         def total(V: Motion) -> Articulated:
             sums = jax.tree.map(stacking.pairwise_sum, (square(V.v), square(V.w)), is_leaf=is_number)
@@ -436,11 +439,43 @@ class Units(NamedTuple):
             x, y, z = v
             return Symmetric(*(a * (scale * b) for a, b in ((x, x), (x, y), (y, y), (x, z), (y, z), (z, z))))
 
-        D = stacking.mapped(lambda w: w[:, None], self.diagonal)
+        D = stacking.mapped(lambda w: w[:, None], self._diagonal_along_world())
         is_none = high(D) <= 0
         scale = where(is_none, 0.0, 1 / where(is_none, 1.0, D))
         V_b, V_a = by_velocity(ends.b, arm_b), by_velocity(ends.a, arm_a)
         return total(V_b - V_a), total(V_b) + total(V_a)
+
+    def _along_world(self, x: Number) -> Number:
+        """Numbers (nv, m, B) of each velocity as those of velocities of roots along the axes of the world."""
+        for start, R in self.roots:
+            wide = stacking.mapped(lambda w: w[:, None], R)
+            for k in (start, start + 3):
+                x = _with_rows(x, k, wide @ Vector(*(_row(x, k + i) for i in range(3))))
+        return x
+
+    def _diagonal_along_world(self) -> Number:
+        """The diagonal of A for these velocities."""
+        x = self.diagonal
+        for start, R in self.roots:
+            for k in (start, start + 3):
+                block = [Vector(*(_entry(self.A, k + i, k + j) for j in range(3))) for i in range(3)]
+                x = _with_rows(x, k, Vector(*(dot(r, Vector(*(dot(own, r) for own in block))) for r in R)))
+        return x
+
+
+def _row(x: Number, k: int) -> Number:
+    """Row k of several, as one row."""
+    return stacking.mapped(lambda w: w[k : k + 1], x)
+
+
+def _entry(x: Number, i: int, j: int) -> Number:
+    return stacking.mapped(lambda w: w[i, j][None], x)
+
+
+def _with_rows(x: Number, k: int, new: Vector) -> Number:
+    """With rows k, k + 1 and k + 2 in their place."""
+    before, behind = (stacking.mapped(lambda w, own=own: w[own], x) for own in (slice(k), slice(k + 3, None)))
+    return stacking.concatenated([before, *new, behind])
 
 
 def _units_of(world: World) -> Units:
@@ -453,7 +488,13 @@ def _units_of(world: World) -> Units:
     (motions,) = wide.motions(v)
     A = stacking.mapped(lambda w: w.reshape((nv, nv, n)), wide.generalized(wide.momenta(motions, v)))
     diagonal = stacking.concatenated([stacking.mapped(lambda w, i=i: w[i, i][None], A) for i in range(nv)])
-    return Units(wide, v, motions, A, diagonal)
+    roots = [
+        (state.topology.v_starts[i], state.of_bodies([i], [x.R for x in world.bodies], state.world.R))
+        for b, body in zip(state.bundles, world.bodies, strict=True)
+        if has_floating_roots(b) and not body.turns
+        for i in b.bodies.ravel().tolist()
+    ]
+    return Units(wide, v, motions, A, diagonal, roots)
 
 
 # -- rows -------------------------------------------------------------------------------------------------------------
