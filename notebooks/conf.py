@@ -1,10 +1,12 @@
 """The site: `python -m sphinx -W -b html notebooks site`, with the extra `docs`."""
 
+import importlib.util
 import os
 import pathlib
 import re
 import shutil
 import sys
+import tomllib
 from typing import Any
 
 HERE = pathlib.Path(__file__).parent
@@ -21,6 +23,8 @@ author = "The jaxspatial developers"
 copyright = "The jaxspatial developers"
 release = jaxspatial.__version__
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.viewcode"]
+# Buttons that copy code, where the extension of the extra `docs` is installed.
+extensions += ["sphinx_copybutton"] if importlib.util.find_spec("sphinx_copybutton") else []
 exclude_patterns = ["_site", "**.ipynb_checkpoints"]
 smartquotes_action = "D"  # dashes: names of precisions are in plain quotation marks
 nitpicky = True
@@ -47,10 +51,11 @@ viewcode_follow_imported_members = True
 # -- looks ------------------------------------------------------------------------------------------------------------
 
 html_theme = "pydata_sphinx_theme"
-html_title = "jaxspatial"
+html_title = f"jaxspatial {release}"
 html_static_path = ["_site/static"]
 html_favicon = "_site/static/favicon.svg"
 html_css_files = ["style.css"]
+copybutton_prompt_text = ">>> "
 html_extra_path = ["source/recordings"]
 html_math_renderer = "mathml"
 html_copy_source = False
@@ -67,6 +72,10 @@ html_theme_options: dict[str, Any] = {
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
+PROJECT = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]
+if "urls" in PROJECT:
+    address = PROJECT["urls"]["Repository"]
+    html_theme_options["icon_links"] = [{"name": "Repository", "url": address, "icon": "fa-brands fa-github"}]
 
 # -- links ------------------------------------------------------------------------------------------------------------
 # Pages link files as a clone has them. Here a page is linked as a page, a picture is copied, and of any other file of

@@ -9,9 +9,10 @@ import pytest
 
 from jaxspatial.measure import checks
 from tests.helpers import figures
-from tests.helpers.marks import slow
+from tests.helpers.marks import slow, slow_but
 from tests.helpers.notebooks import FOLDER, as_a_reader, soon
 from tests.helpers.optional import needs
+from tests.helpers.pages import faults
 
 nbformat = needs("nbformat")
 
@@ -78,7 +79,18 @@ def test_a_figure_without_numbers_is_found():
 PRECISIONS = {"01_spatial_algebra": "fast", "03_a_robot": "fast"}
 
 
-@pytest.mark.parametrize("name", [name for name in NAMES if name < "04"])
+@pytest.mark.parametrize("name", NAMES)
+def test_code_is_whole(name):
+    """Without running it, see `test_readme.test_code_of_pages_is_whole`."""
+    cells = nbformat.read(FOLDER / f"{name}.ipynb", as_version=4).cells
+    assert faults([cell.source for cell in cells if cell.cell_type == "code"]) == []
+
+
+FIRST = [name for name in NAMES if name < "04"]
+
+
+# Of the others, programs compile for ten seconds and more.
+@pytest.mark.parametrize("name", slow_but(["00_first_wrench", "01_spatial_algebra"], FIRST))
 @pytest.mark.parametrize("how", ["soon", slow("as a reader does")])
 def test_it_runs(name, how, monkeypatch):
     """Soon, a self-check is of one dtype."""

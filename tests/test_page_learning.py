@@ -7,7 +7,9 @@ from tests.helpers.notebooks import as_a_reader, last_numbers, soon
 SMALL = {"FRICTION_UPDATES": 120, "JUMP_UPDATES": 60, "ENVIRONMENTS": 64, "POLICY_UPDATES": 200}
 
 
-@pytest.mark.parametrize("sizes", [SMALL, pytest.param({}, marks=pytest.mark.slow)], ids=["small", "full"])
+# By default `test_notebooks` looks at its code.
+@pytest.mark.slow
+@pytest.mark.parametrize("sizes", [SMALL, {}], ids=["small", "full"])
 @pytest.mark.filterwarnings("ignore")
 def test_the_page_learns(sizes):
     found = last_numbers(soon("06_learning", runs_long=True, **sizes) if sizes else as_a_reader("06_learning"))

@@ -17,6 +17,8 @@ def page():
     return run_page("quadrupeds.md", STEPS=20, PUSHED=10, SIDE=2)
 
 
+# By default `test_readme` looks at its code: steps with contact, and their gradient, compile for long.
+@pytest.mark.slow
 def test_the_code_of_the_page_runs(page):
     """Pushes along x and y move the trunk that way; the slope is that of differences."""
     path, pushes = np.asarray(page["path"]), np.asarray(page["pushes"])
@@ -28,14 +30,19 @@ def test_the_code_of_the_page_runs(page):
     np.testing.assert_allclose(page["slope"][1], (heights[1] - heights[0]) / 2, rtol=0.1, atol=2e-6)
 
 
-def test_the_picture_moves_and_is_small(page):
-    """And its code draws the robots of a path: blue and orange ones."""
+def test_the_picture_moves_and_is_small():
     image = pytest.importorskip("PIL.Image")
+    with image.open(FILE) as kept:
+        assert kept.n_frames == 30 and kept.size == (880, 430) and FILE.stat().st_size < 1.5e6
+
+
+@pytest.mark.slow
+def test_the_code_of_the_picture_draws_robots(page):
+    """Of a path: blue and orange ones."""
+    pytest.importorskip("PIL.Image")
     pytest.importorskip("matplotlib")
     from tests.helpers import quadrupeds_picture
 
-    with image.open(FILE) as kept:
-        assert kept.n_frames == 30 and kept.size == (880, 430) and FILE.stat().st_size < 1.5e6
     names = dict(page, path=np.repeat(np.asarray(page["path"]), 8, axis=0)[:25])
     pictures = list(quadrupeds_picture.drawn({**names, "pushes": np.ones((25, 3))}))
     assert len(pictures) == 2 and pictures[0].size == (880, 430)

@@ -20,9 +20,9 @@ import pytest
 import jaxspatial as js
 from jaxspatial.mechanism.joints import BUILT_IN
 from tests.helpers.interpreted import interpreted
-from tests.helpers.marks import slow
+from tests.helpers.marks import slow, slow_but
 from tests.helpers.optional import needs
-from tests.helpers.pages import examples, run
+from tests.helpers.pages import examples, faults, run
 from tests.helpers.soon import compiled_soon
 from tests.interop import test_ros
 from tests.test_architecture import LAYERS
@@ -58,10 +58,23 @@ def test_what_is_told_to_install_can_be_installed():
     assert len(found) >= 10 and {extra for names in found for extra in names.split(",")} <= set(extras)
 
 
+ROBOTS_ARE_THERE = "example-robot-data" in {x.metadata["Name"] for x in importlib.metadata.distributions()}
+
+
+@pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
+def test_the_first_lines_of_first_steps_run(capsys):
+    """Those that end in a number; the rest compiles for long."""
+    if not ROBOTS_ARE_THERE:
+        pytest.skip("the extra peers has the robots")
+    run(examples(README)[:1])
+    assert capsys.readouterr().out == "joint 4 holds 22 N m, 25% of its limit\n"
+
+
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
 def test_first_steps_run(capsys, tmp_path, monkeypatch):
     """What they print is told; the gradient is that of the squares of the torques, by differences in float64."""
-    if "example-robot-data" not in {x.metadata["Name"] for x in importlib.metadata.distributions()}:
+    if not ROBOTS_ARE_THERE:
         pytest.skip("the extra peers has the robots")
     arm, more, contact = examples(README)
     assert sum(bool(line) for line in arm.splitlines()) <= 10
@@ -120,7 +133,15 @@ def test_what_it_is_comes_first():
 
 # Pages whose code other tests run.
 OF_OTHERS = ("brax", "drake", "frax", "mujoco", "pinocchio")
-OWN_TESTS = ["quadrupeds.md", "drawing.md", "simulators.md", "inverse_kinematics.md", "scale.md", "reference.md"]
+OWN_TESTS = [
+    "quadrupeds.md",
+    "walking.md",
+    "drawing.md",
+    "simulators.md",
+    "inverse_kinematics.md",
+    "scale.md",
+    "reference.md",
+]
 OWN_TESTS += [f"coming_from_{name}.md" for name in OF_OTHERS]
 # Its sections run one by one, where their simulators are.
 SIMULATORS = PAGES["simulators.md"].split("\n## ")
@@ -130,8 +151,43 @@ SIMULATORS = PAGES["simulators.md"].split("\n## ")
 OF_DIGITS = ["precision.md", "layouts.md", "arrays.md"]
 
 
-@pytest.mark.parametrize("name", [name for name, text in PAGES.items() if examples(text) and name not in OWN_TESTS])
-@pytest.mark.parametrize("as_read", [False, slow(True)], ids=["soon", "as read"])
+# Their programs compile for more than three seconds. By default they are looked at alone.
+COMPILE_LONG = ["answers.md", "closed_loops.md", "compute.md", "contact.md", "install.md", "learning.md", "sensors.md"]
+COMPILE_LONG += ["predictive_control.md"]
+RUN_HERE = [name for name, text in PAGES.items() if examples(text) and name not in OWN_TESTS]
+SOON = [(name, False) for name in RUN_HERE]
+
+
+@pytest.mark.parametrize("name", ["README.md", *(name for name, text in PAGES.items() if examples(text))])
+def test_code_of_pages_is_whole(name):
+    """Without running it: names are defined, modules have their attributes, our functions their arguments."""
+    assert faults(examples(README if name == "README.md" else PAGES[name])) == []
+
+
+def test_faults_of_a_page_are_seen():
+    code = """import jaxspatial as js
+from jaxspatial import nothing
+x = js.shft(missing)
+js.shift(1, 2, exactness=3)
+js.inverse_dynamics(1)
+js.Rotation.exp(1).inverse()
+js.measure.recommends()
+"""
+    told = "\n".join(faults([code]))
+    for word in ("Undefined name `missing`", "js has no shft", "'exactness'", "missing a required argument: 'q'",
+                 "jaxspatial has no nothing", "js.measure has no recommends"):  # fmt: skip
+        assert word in told
+    assert told.count("\n") == 5
+
+
+@pytest.mark.parametrize(
+    ("name", "as_read"),
+    [
+        *slow_but([case for case in SOON if case[0] not in COMPILE_LONG], SOON),
+        *(slow(name, True) for name in RUN_HERE),
+    ],
+    ids=lambda x: {True: "as read", False: "soon"}.get(x, x) if isinstance(x, bool) else x,
+)
 def test_pages_run(name, as_read):
     blocks = examples(PAGES[name])
     for module in OPTIONAL:
@@ -144,7 +200,11 @@ def test_pages_run(name, as_read):
 @pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
 @pytest.mark.filterwarnings("ignore::jaxspatial.interop.ModelFileWarning")
-@pytest.mark.parametrize("section", SIMULATORS[1:], ids=lambda text: re.split(r"\W", text)[0])
+@pytest.mark.parametrize(
+    "section",
+    [slow(text) if text.startswith(("Brax", "MJX")) else text for text in SIMULATORS[1:]],
+    ids=[re.split(r"\W", text)[0] for text in SIMULATORS[1:]],
+)
 def test_recipes_of_simulators_run(section, monkeypatch):
     """Each behind what all share, in at most 25 lines."""
     (shared,), (recipe,) = examples(SIMULATORS[0]), examples(section)
@@ -314,6 +374,21 @@ def test_every_page_is_two_clicks_away():
     assert names - {"index.md"} <= found
     for path in (*(ROOT / "notebooks").glob("*.png"), *(ROOT / "notebooks").glob("*.webp")):
         assert any(path.name in text for text in (README, *PAGES.values())), path.name
+
+
+@pytest.mark.parametrize("name", ["README.md", *PAGES])
+def test_places_in_pages_that_are_linked_exist(name):
+    """Of a link `page.md#place` there is a heading."""
+    text = README if name == "README.md" else PAGES[name]
+    for page, place in re.findall(r"\]\((?:notebooks/)?(\w*(?:\.md)?)#([\w-]+)\)", text):
+        target = PAGES[page] if page else text
+        headings = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```", "", target, flags=re.M | re.S), re.M)
+        assert place in {_slug(heading) for heading in headings}, f"{page}#{place}"
+
+
+def _slug(heading):
+    """As GitHub makes it, and MyST."""
+    return re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-")
 
 
 def _linked(text, folder):

@@ -1,6 +1,8 @@
 """The site is built without a warning; every page is two clicks from the first, and no link is broken.
 
-And the page on drawing, whose code makes a recording that the site shows: it runs once, for both."""
+And the page on drawing, whose code makes a recording that the site shows: it runs once, for both.
+
+Building takes a minute, so all of this is slow. By default `test_readme` looks at links, places in pages, and code."""
 
 import html.parser
 import importlib
@@ -18,6 +20,8 @@ import pytest
 
 from tests.helpers.pages import run_page
 from tests.test_reference import ENTRIES, pages
+
+pytestmark = pytest.mark.slow
 
 ROOT = pathlib.Path(__file__).parent.parent
 RECORDING = ROOT / "notebooks/source/recordings/_recordings/solo.html"
@@ -132,7 +136,6 @@ def test_a_quadruped_drops_and_stands(drawn):
     assert "<html" in (folder / "solo.html").read_text()[:1000]
 
 
-@pytest.mark.slow
 def test_the_site_records_a_fall_itself(drawn, tmp_path):
     """Where there is no recording, or one that is older than its page."""
     pages.record(tmp_path)

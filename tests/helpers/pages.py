@@ -1,9 +1,15 @@
-"""Runs the code of a page from top to bottom, as a reader does; sooner, where that is not asked for."""
+"""Runs the code of a page from top to bottom, as a reader does; sooner, where that is not asked for. And looks at code
+without running it."""
 
 import ast
 import contextlib
+import importlib
+import inspect
 import pathlib
 import re
+import subprocess
+import sys
+import warnings
 
 import jax
 
@@ -50,3 +56,86 @@ def run(blocks, precision="fast", as_read=False, runs_long=False, **numbers):
 def run_page(name, **numbers):
     """All names after a page has run: `run_page("scale.md", BATCH=64)`."""
     return run(examples((FOLDER / name).read_text()), **numbers)
+
+
+def faults(blocks):
+    """What can be seen to be wrong in the code of a page without running it, in words: names that are nowhere defined,
+    attributes that a module does not have, arguments that a function of ours does not take."""
+    code = "\n".join(blocks)
+    tree = ast.parse(code)
+    command = [sys.executable, "-m", "ruff", "check", "-q", "--isolated", "--select", "F821,F823", "--output-format"]
+    looked = subprocess.run([*command, "concise", "-"], input=code, capture_output=True, text=True)
+    found = looked.stdout.splitlines() + looked.stderr.splitlines()
+    modules = dict(_imported(tree, found))
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute) and (names := _chain(node)) and names[0] in modules:
+            with contextlib.suppress(LookupError):
+                _resolved(modules, names, found)
+        if isinstance(node, ast.Call) and (names := _chain(node.func)) and names[0] in modules:
+            _look_at_call(node, names, modules, found)
+    return list(dict.fromkeys(found))
+
+
+def _imported(tree, found):
+    """(name, what it is) of what a page imports; what is not installed is left out."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Import | ast.ImportFrom):
+            continue
+        for alias in node.names:
+            of = alias.name if isinstance(node, ast.Import) else node.module
+            try:
+                with warnings.catch_warnings(action="ignore"):
+                    module = importlib.import_module(of)
+            except ImportError:
+                continue
+            if isinstance(node, ast.Import):
+                yield (
+                    alias.asname or of.partition(".")[0],
+                    module if alias.asname else sys.modules[of.partition(".")[0]],
+                )
+            elif hasattr(module, alias.name):
+                yield alias.asname or alias.name, getattr(module, alias.name)
+            else:
+                try:
+                    yield alias.asname or alias.name, importlib.import_module(f"{of}.{alias.name}")
+                except ImportError:
+                    found += [f"{of} has no {alias.name}"] if of.partition(".")[0] == "jaxspatial" else []
+
+
+def _chain(node):
+    """["js", "interop", "mujoco"] of an expression of names and dots alone; [] of any other."""
+    names = []
+    while isinstance(node, ast.Attribute):
+        names.append(node.attr)
+        node = node.value
+    return [node.id, *reversed(names)] if isinstance(node, ast.Name) else []
+
+
+def _resolved(modules, names, found):
+    """The object; LookupError, and a fault, where there is none. Of types alone their own names are known."""
+    x = modules[names[0]]
+    for i, name in enumerate(names[1:], 1):
+        if not inspect.ismodule(x) and not inspect.isclass(x):
+            raise LookupError
+        if not hasattr(x, name):
+            # Fields without a default are no attributes of a class.
+            if not inspect.isclass(x):
+                found.append(f"{'.'.join(names[:i])} has no {name}")
+            raise LookupError
+        x = getattr(x, name)
+    return x
+
+
+def _look_at_call(node, names, modules, found):
+    with contextlib.suppress(LookupError):
+        f = _resolved(modules, names, [])
+        if not getattr(f, "__module__", "").startswith("jaxspatial") or not callable(f):
+            return
+        given = [x for x in node.args if not isinstance(x, ast.Starred)], [x.arg for x in node.keywords if x.arg]
+        is_whole = len(given[0]) == len(node.args) and len(given[1]) == len(node.keywords)
+        signature = inspect.signature(f)
+        try:
+            bind = signature.bind if is_whole else signature.bind_partial
+            bind(*given[0], **dict.fromkeys(given[1]))
+        except TypeError as error:
+            found.append(f"{'.'.join(names)}: {error}")
