@@ -194,7 +194,8 @@ def _accelerated(
     """The accelerations under implicit damping, with one time and the same damping for all states."""
     q, v, tau = at
     if c is not None:
-        # (M + h c) vdot = tau - c v - ...: as with armature increased by h c, on which axes that turn act alike.
+        # (M + h c) vdot = tau - c v - ...: as with armature increased by h c. Where axes turn, both act on the rates in
+        # the axes of the parent: v' - v = h (vdot + w x v).
         armature = jnp.asarray(mechanism.armature, c.dtype) + h * c
         tau, mechanism = _damped(precision, tau, c, v), mechanism.replace(armature=armature)
     return forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
