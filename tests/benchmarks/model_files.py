@@ -199,7 +199,9 @@ def _with_pinocchio(file, mech):
     for x in held.values():
         G[np.ix_(x.their_v, x.v)] = x.multiplier * np.eye(len(x.v))
     rng, theirs = np.random.default_rng(0), pin.Data(model)
-    q = np.asarray(js.random_configuration(mech, jax.random.key(0), N, np.float64))
+    # Some files have 1e16 for no limit; such angles have no digits left.
+    near = mech.replace(**{name: np.clip(getattr(mech, name), -10.0, 10.0) for name in ("lower", "upper")})
+    q = np.asarray(js.random_configuration(near, jax.random.key(0), N, np.float64))
     v = rng.standard_normal((N, mech.nv))
     frames = [name for name in mech.frame_names[1:] if model.existFrame(name, pin.FrameType.BODY)]
     ids = [model.getFrameId(name, pin.FrameType.BODY) for name in frames]
