@@ -1,6 +1,7 @@
 """Spheres on a body against a shape on another: the optimum, laws of mechanics, cases that one works out by hand."""
 
 import functools
+import itertools
 
 import jax
 import numpy as np
@@ -24,24 +25,28 @@ ANY = [
 
 
 def any_cases(make, base, n, shape="box", seed=0):
-    """n random states of each of ANY."""
+    """n random states of each of ANY, the second half without gravity."""
     found = []
     for k, numbers in enumerate(ANY):
-        own = base._replace(
-            **{x: np.asarray(y, float) for x, y in numbers.items() if make is not scenes.hand or x != "size"}
-        )
+        changes = {x: np.asarray(y, float) for x, y in numbers.items() if make is not scenes.hand or x != "size"}
+        own = base._replace(**changes, gravity=base.gravity * (k < len(ANY) // 2))
         states = scenes.states(make, own, n, shape, seed + k)
         found += [scenes.Case(own, scenes.State(*x), np.float64(5e-3)) for x in zip(*states, strict=True)]
     return found
 
 
+def in_groups(make, cases, shape="box"):
+    """(the scene, numbers of cases) of cases with the same Numbers."""
+    for _, group in itertools.groupby(range(len(cases)), key=lambda i: id(cases[i].numbers)):
+        places = list(group)
+        with jax.enable_x64(True):
+            yield make(cases[places[0]].numbers, shape), places
+
+
 @functools.cache
 def of_boxes():
-    """(cases, ConvexSteps (n, 500)): those of BOXES, and random ones, of which the second half is without gravity."""
-    cases = any_cases(scenes.two_bodies, Numbers.of(), 6)
-    for i in range(len(cases) // 2, len(cases)):
-        cases[i] = cases[i]._replace(numbers=cases[i].numbers._replace(gravity=np.zeros(3)))
-    cases = [*BOXES.values(), *cases]
+    """(cases, ConvexSteps (n, 500)): those of BOXES, and random ones."""
+    cases = [*BOXES.values(), *any_cases(scenes.two_bodies, Numbers.of(), 6)]
     return cases, scenes.rolled_out(scenes.two_bodies, cases, 500)
 
 
@@ -56,19 +61,19 @@ def rolled(name):
 def against_the_oracle(make, cases, found, shape="box"):
     """Velocities to 1e-8 of the largest, or of what gravity adds; forces to 1e-6. How many pairs push."""
     pushing = 0
-    for i, (numbers, state, dt) in enumerate(cases):
+    for scene, places in in_groups(make, cases, shape):
         with jax.enable_x64(True):
-            scene = make(numbers, shape)
-            mech = scene.mechanism
-            (expected,) = oracle.steps_of(
-                mech, *(x[None] for x in state), dt, scene.contacts, oracle.on_plane, scene.pairs
-            )
-        q, v, f = found.q[i, 0], found.v[i, 0], found.contact_forces.f[i, 0]
-        size = max(abs(expected.v).max(), abs(state.v).max(), G * dt)
-        np.testing.assert_allclose(oracle.in_world(mech, q) @ v, expected.v, rtol=0, atol=1e-8 * size, err_msg=f"{i}")
-        largest = max(abs(expected.forces).max(), 1e-3 * numbers.masses.min())
-        np.testing.assert_allclose(f, expected.forces, rtol=0, atol=1e-6 * largest, err_msg=f"{i}")
-        pushing += np.count_nonzero(f[len(scene.contacts.frames) :].any(1))
+            mech, dt = scene.mechanism, float(cases[places[0]].dt)
+            states = (np.stack(x) for x in zip(*(cases[i].state for i in places), strict=True))
+            steps = oracle.steps_of(mech, *states, dt, scene.contacts, oracle.on_plane, scene.pairs)
+        for i, expected in zip(places, steps, strict=True):
+            q, v, f = found.q[i, 0], found.v[i, 0], found.contact_forces.f[i, 0]
+            size = max(abs(expected.v).max(), abs(cases[i].state.v).max(), G * dt)
+            after = oracle.in_world(mech, q) @ v
+            np.testing.assert_allclose(after, expected.v, rtol=0, atol=1e-8 * size, err_msg=f"{i}")
+            largest = max(abs(expected.forces).max(), 1e-3 * cases[i].numbers.masses.min())
+            np.testing.assert_allclose(f, expected.forces, rtol=0, atol=1e-6 * largest, err_msg=f"{i}")
+            pushing += np.count_nonzero(f[len(scene.contacts.frames) :].any(1))
     return pushing
 
 
@@ -98,15 +103,17 @@ def test_impulses_are_what_momenta_change_by():
     """The third law: of each body by the forces about the points of the report, on a pair the same with both signs."""
     cases, found = of_boxes()
     cases, found = cases[len(BOXES) :], jax.tree.map(lambda x: x[len(BOXES) :, 0], found)
+    points = []
+    for scene, places in in_groups(scenes.two_bodies, cases):
+        q, v = (np.stack([getattr(cases[i].state, x) for i in places]) for x in "qv")
+        with jax.enable_x64(True):
+            points += list(_reported(scene, q, v).points)
     turned = 0.0
     for i, (numbers, (q, v, _), dt) in enumerate(cases):
         f = found.contact_forces.f[i]
-        with jax.enable_x64(True):
-            scene = scenes.two_bodies(numbers)
-            points = _points(scene, q)
         # On the lower box, on the upper one.
         on_bodies = [np.concatenate([f[:4], -f[4:]]), f[4:]]
-        at = [points, points[4:]]
+        at = [points[i], points[i][4:]]
         for k, size in enumerate((LOWER, numbers.size)):
             m, rows, places = numbers.masses[k], slice(6 * k, 6 * k + 6), slice(7 * k, 7 * k + 7)
             R, R_after = (oracle._rotation(x[places][:4]) for x in (q, found.q[i]))
@@ -120,11 +127,6 @@ def test_impulses_are_what_momenta_change_by():
             np.testing.assert_allclose(inertia @ (w_after - w), of_turning, rtol=0, atol=1e-9 * size_of)
             turned = max(turned, abs(of_turning).max() / size_of)
     assert turned > 0.01
-
-
-def _points(scene, q):
-    still = np.zeros(scene.mechanism.nv)
-    return _reported(scene, q[None], still[None]).points[0]
 
 
 def _reported(scene, q, v):
