@@ -146,13 +146,13 @@ def _place_of(docname: str) -> pathlib.Path | None:
 def read_page(app: Any, docname: str, source: list[str]) -> None:
     if docname == "reference":
         source[0] = pages.overview(source[0])
-    elif docname == "drawing":
-        source[0] = _relinked(source[0], HERE, docname) + pages.RECORDING
     elif docname == "index":
         readme = _relinked((ROOT / "README.md").read_text(), ROOT, docname)
         source[0] = source[0].replace("```{include} ../README.md\n```", readme)
     elif (place := _place_of(docname)) is not None:
         source[0] = _relinked(source[0], place, docname)
+    if docname in pages.RECORDINGS:
+        source[0] = pages.with_recordings(source[0])
     if docname in ("guide", "coming_from", "measured", "internals"):
         source[0] = pages.with_trees(source[0])
 

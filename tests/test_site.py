@@ -58,7 +58,7 @@ def drawn(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory, drawn):
-    """path -> Page, of all pages. Its recording is there: `test_the_site_records_a_fall_itself` is slow."""
+    """path -> Page, of all pages. Its recording is there: it would run the page again."""
     pytest.importorskip("myst_nb", reason='the extra `docs` is not installed: python -m pip install -e ".[docs]"')
     RECORDING.parent.mkdir(parents=True, exist_ok=True)
     shutil.copyfile(drawn[1] / "solo.html", RECORDING)
@@ -115,11 +115,15 @@ def test_no_link_is_broken(site):
     assert not broken
 
 
-def test_a_robot_drops_on_the_page_on_drawing(site):
-    """The recording is a page of its own, with all that it shows."""
+def test_pages_show_their_recordings(site):
+    """A recording is a page of its own, with all that it shows."""
     out, _ = site
-    assert 'src="_recordings/solo.html"' in (out / "drawing.html").read_text()
-    assert (out / "_recordings/solo.html").stat().st_size > 5e5
+    for page, names in pages.RECORDINGS.items():
+        text = (out / f"{page}.html").read_text()
+        assert "&lt;!--" not in text and "recording: " + names[0] in text
+        for name in names:
+            assert text.count(f'src="_recordings/{name}"') == 1
+            assert (out / "_recordings" / name).stat().st_size > 5e5
 
 
 def test_a_quadruped_drops_and_stands(drawn):
@@ -136,12 +140,13 @@ def test_a_quadruped_drops_and_stands(drawn):
     assert "<html" in (folder / "solo.html").read_text()[:1000]
 
 
-def test_the_site_records_a_fall_itself(drawn, tmp_path):
+def test_the_site_records_what_pages_show(drawn, tmp_path):
     """Where there is no recording, or one that is older than its page."""
     pages.record(tmp_path)
-    assert [path.name for path in tmp_path.iterdir()] == ["solo.html"]
+    names = {name for names in pages.RECORDINGS.values() for name in names}
+    assert {path.name for path in tmp_path.iterdir()} == names
+    assert all(5e5 < path.stat().st_size < 2e6 for path in tmp_path.iterdir())
     recorded = (tmp_path / "solo.html").stat()
-    assert recorded.st_size > 5e5
     pages.record(tmp_path)
     assert (tmp_path / "solo.html").stat().st_mtime == recorded.st_mtime
     os.utime(tmp_path / "solo.html", (0, 0))

@@ -30,12 +30,8 @@ BEHIND = {
         ["jaxspatial.spatial.operations", "jaxspatial.dynamics.bounds", "jaxspatial.numerics.promise"],
     ),
 }
-# Shows what the page on drawing records.
-RECORDING = """
-```{raw} html
-<iframe class="recording" src="_recordings/solo.html" title="A quadruped drops" loading="lazy"></iframe>
-```
-"""
+# What the code of pages records. A page says where it is shown: `<!-- recording: solo.html -->`.
+RECORDINGS = {"drawing": ("solo.html",), "gallery": ("hills.html", "boxes.html", "linkage.html")}
 TABLES = [*sorted((ROOT / "tests/benchmarks").glob("*.md")), ROOT / "tests/peers/robots.md"]
 
 
@@ -210,12 +206,22 @@ def _table(path: pathlib.Path) -> str:
     return f"{title}\n\n`{source}`{f', of {day}' if day else ''}.\n{rest}"
 
 
+def with_recordings(text: str) -> str:
+    """A page whose marks are frames in which recordings play."""
+    frame = '<iframe class="recording" src="_recordings/{0}" title="a recording: {0}" loading="lazy"></iframe>'
+    shown = "```{{raw}} html\n" + frame + "\n```"
+    return re.sub(r"^<!-- recording: (\S+) -->$", lambda match: shown.format(match[1]), text, flags=re.M)
+
+
 def record(folder: pathlib.Path) -> None:
-    """Runs the code of the page on drawing in a folder, for its recording, unless it is there and not older."""
-    page, recording = FOLDER / "drawing.md", folder / "solo.html"
-    if recording.exists() and recording.stat().st_mtime > page.stat().st_mtime:
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    with contextlib.chdir(folder):
-        exec("\n".join(re.findall(r"```python\n(.*?)```", page.read_text(), re.S)), {})
-    (folder / "solo.png").unlink()
+    """Runs the code of pages in a folder, for their recordings, unless these are there and not older."""
+    for page, names in RECORDINGS.items():
+        path = FOLDER / f"{page}.md"
+        made = [folder / name for name in names]
+        if all(x.exists() and x.stat().st_mtime > path.stat().st_mtime for x in made):
+            continue
+        folder.mkdir(parents=True, exist_ok=True)
+        with contextlib.chdir(folder):
+            exec("\n".join(re.findall(r"```python\n(.*?)```", path.read_text(), re.S)), {})
+        for other in set(folder.iterdir()) - {folder / name for names in RECORDINGS.values() for name in names}:
+            other.unlink()
