@@ -66,7 +66,8 @@ def faults(blocks):
     command = [sys.executable, "-m", "ruff", "check", "-q", "--isolated", "--select", "F821,F823", "--output-format"]
     looked = subprocess.run([*command, "concise", "-"], input=code, capture_output=True, text=True)
     found = looked.stdout.splitlines() + looked.stderr.splitlines()
-    modules = dict(_imported(tree, found))
+    with warnings.catch_warnings(action="ignore"):  # of what other libraries import
+        modules = dict(_imported(tree, found))
     for node in ast.walk(tree):
         if isinstance(node, ast.Attribute) and (names := _chain(node)) and names[0] in modules:
             with contextlib.suppress(LookupError):
@@ -84,8 +85,7 @@ def _imported(tree, found):
         for alias in node.names:
             of = alias.name if isinstance(node, ast.Import) else node.module
             try:
-                with warnings.catch_warnings(action="ignore"):
-                    module = importlib.import_module(of)
+                module = importlib.import_module(of)
             except ImportError:
                 continue
             if isinstance(node, ast.Import):
