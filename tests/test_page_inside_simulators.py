@@ -1,8 +1,13 @@
 """What the page on thruster, wind and spring in MJX and Brax shows, holds: notebooks/05_inside_simulators.ipynb."""
 
+import warnings
+
+import jax
+import jax.numpy as jnp
 import pytest
 
-from tests.helpers.notebooks import as_a_reader, last_numbers, soon
+import jaxspatial as js
+from tests.helpers.notebooks import as_a_reader, begun, last_numbers, soon
 from tests.helpers.optional import needs
 
 needs("papermill")
@@ -28,6 +33,23 @@ def _holds(numbers, simulators):
     assert numbers["gradient"] < 1e-7
 
 
+def test_the_steps_of_both():
+    """They are traced, with all forces: what follows is made of them."""
+    _, names = begun("05_inside_simulators", "## The thruster", environments=2)
+    setting = jax.tree.map(lambda x: x[0], names["settings"](1.0, (1.0, 0.0, 0.0), 1.0, 20.0))
+    at = jnp.asarray(names["on_host"].qpos0, jnp.float32), jnp.zeros(names["n"], jnp.float32)
+
+    def both(qpos, qvel):
+        state = names["brax_step"](names["pipeline"].init(names["sys"], qpos, qvel), setting)
+        return names["mjx_step"]((qpos, qvel), setting), (state.q, state.qd)
+
+    with jax.numpy_dtype_promotion("standard"), jax.numpy_rank_promotion("allow"), js.default_precision("fast"):
+        with warnings.catch_warnings(action="ignore"):
+            found = jax.eval_shape(both, *at)
+    assert all(x.shape == y.shape for one in found for x, y in zip(one, at, strict=True))
+
+
+@pytest.mark.slow
 def test_a_few_environments_of_mjx():
     _holds(last_numbers(soon("05_inside_simulators", environments=8, simulators=["MJX"])), ["MJX"])
 

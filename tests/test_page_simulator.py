@@ -1,8 +1,13 @@
 """What the page on a simulator of one's own shows, holds: notebooks/04_a_simulator.ipynb."""
 
+import re
+
+import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
-from tests.helpers.notebooks import as_a_reader, last_numbers, soon
+from tests.helpers.notebooks import as_a_reader, begun, last_numbers, soon
 from tests.helpers.optional import needs
 
 needs("papermill")
@@ -21,6 +26,18 @@ def _holds(numbers):
     assert numbers["error_of_gradient"] < 1e-4
 
 
+def test_fifteen_lines_and_the_step():
+    """A dog stands on hills; the step of the page is traced, for what follows is made of it."""
+    printed, names = begun("04_a_simulator", "## Many environments", environments=2)
+    height, *down = map(float, re.findall(r"\d+\.\d*", printed.split("height of the trunk")[1].splitlines()[0]))
+    assert 0.25 < height < 0.35 and len(down) == 4 and min(down) > 0.5
+    env = names["Environment"](jnp.ones(13, np.float32), jnp.full(4, 0.5, np.float32))
+    state = names["State"](jnp.zeros(19, np.float32), jnp.zeros(18, np.float32))
+    after = jax.eval_shape(names["step"], env, state, jnp.zeros(3, np.float32))
+    assert jax.tree.map(lambda x: x.shape, after) == names["State"]((19,), (18,))
+
+
+@pytest.mark.slow
 def test_a_few_robots_without_mjx():
     numbers = last_numbers(soon("04_a_simulator", environments=16, timings=3, peers=0))
     assert numbers["environments"] == 16

@@ -36,8 +36,15 @@ def as_a_reader(name, **parameters):
 def soon(name, precision=None, runs_long=False, **parameters):
     """The same, compiled soon, without a kernel that imports everything anew. precision, runs_long: as of
     `pages.run`."""
+    return begun(name, None, precision, runs_long, **parameters)[0]
+
+
+def begun(name, heading, precision=None, runs_long=False, **parameters):
+    """(what the notebook prints, all names) up to a heading; None for its end."""
     pyplot, blocks, printed = needs("matplotlib.pyplot"), [], io.StringIO()
     for cell in needs("nbformat").read(FOLDER / f"{name}.ipynb", as_version=4).cells:
+        if heading and cell.source.startswith(heading):
+            break
         if cell.cell_type != "code":
             continue
         blocks.append(cell.source)
@@ -45,12 +52,14 @@ def soon(name, precision=None, runs_long=False, **parameters):
             _require_known(parameters, {x.id for line in ast.parse(cell.source).body for x in _assigned(line)})
             blocks.append("\n".join(f"{key} = {value!r}" for key, value in parameters.items()))
         blocks.append("__import__('matplotlib.pyplot').pyplot.close('all')")
+    else:
+        assert heading is None, f"no cell begins with {heading!r}"
     with warnings.catch_warnings(), contextlib.redirect_stdout(printed), contextlib.chdir(FOLDER):
         warnings.simplefilter("ignore")
         with mock.patch.object(pyplot, "show", pyplot.show), pyplot.rc_context(), mock.patch.dict("os.environ"):
             figures.watch()
-            pages.run(blocks, precision, runs_long=runs_long)
-    return printed.getvalue()
+            names = pages.run(blocks, precision, runs_long=runs_long)
+    return printed.getvalue(), names
 
 
 def _assigned(line):
