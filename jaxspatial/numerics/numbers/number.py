@@ -211,7 +211,7 @@ def where_any(mask: Mask, function: Callable[..., T], *arguments: Any) -> T:
     data, given, found = data_of(arguments), without_data(arguments), list[Any]()
     is_any = mask.any(0, keepdims=True)
 
-    def on_data(*data: Any) -> list[Any]:
+    def on_data(*data: jax.Array) -> list[Any]:
         result = function(*with_data(given, data))
         found[:] = [without_data(result)]
         return [jnp.where(jnp.broadcast_to(is_any, x.shape), x, jnp.zeros_like(x)) for x in data_of(result)]
