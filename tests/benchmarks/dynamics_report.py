@@ -42,7 +42,6 @@ def lines(results, shapes, left_out, machine):
     yield "for. Default precision, known numbers folded. Times are medians of microseconds per state (10 % to 90 % of"
     yield "the rounds); ratios are medians over the rounds of the ratio within a round. Measured by `dynamics.py`.\n"
     yield machine
-    yield from _lines_of_claims(all_claims(results, shapes))
     for result in results:
         yield from _lines_of_times(result)
     yield from _lines_of_compiling(results)
@@ -50,6 +49,7 @@ def lines(results, shapes, left_out, machine):
     yield "\n## What the rows are\n"
     yield from NOTES
     yield from (f"- Left out: {x}." for x in left_out)
+    yield from _lines_of_claims(all_claims(results, shapes))
 
 
 NOTES = (
@@ -90,7 +90,8 @@ def spread(seconds, scale=1e6):
 
 
 def _lines_of_claims(found):
-    yield f"\n## Claims: {sum(x.is_met for x in found)} of {len(found)} met\n"
+    yield "\n## Targets of the developers\n"
+    yield f"{sum(x.is_met for x in found)} of {len(found)} are met.\n"
     yield "| | | asked | measured | |\n|---|---|---|---|---|"
     for x in found:
         verdict = "met" if x.is_met else "**NOT MET**"
