@@ -33,24 +33,23 @@ SHORTEST, SMALLEST = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "JAX_PERSISTE
 # workers take files in the order in which they are collected.
 HERE = pathlib.Path(__file__).parent
 LONGEST = (
-    "test_readme.py",
     "contact/test_convex_step.py",
-    "test_notebooks.py",
-    "test_page_learning.py",
-    "test_page_inside_simulators.py",
-    "test_page_simulator.py",
-    "contact/test_closed_loops.py",
-    "dynamics/test_laws.py",
-    "laws/test_error_bounds.py",
-    "command/test_trade_command.py",
-    "test_page_scale.py",
-    "dynamics/test_fields.py",
     "laws/test_transformations.py",
-    "dynamics/test_transformations.py",
-    "test_page_inverse_kinematics.py",
+    "laws/test_error_bounds.py",
+    "contact/test_closed_loops.py",
+    "dynamics/test_fields.py",
     "laws/test_extremes.py",
+    "test_readme.py",
+    "command/test_trade_command.py",
+    "dynamics/test_laws.py",
+    "dynamics/test_extremes.py",
+    "engine/test_native_programs.py",
+    "spatial/test_quantities.py",
     "peers/test_coming_from.py",
-    "test_site.py",
+    "mechanism/test_distances.py",
+    "contact/test_pairs.py",
+    "numerics/numbers/test_double_word.py",
+    "contact/test_tendons.py",
 )
 
 # Here XLA compiles what callers write around our programs, and what is compared are formulas, within limits, or

@@ -153,7 +153,7 @@ OF_DIGITS = ["precision.md", "layouts.md", "arrays.md"]
 
 # Their programs compile for more than three seconds. By default they are looked at alone.
 COMPILE_LONG = ["answers.md", "closed_loops.md", "compute.md", "contact.md", "install.md", "learning.md", "sensors.md"]
-COMPILE_LONG += ["predictive_control.md"]
+COMPILE_LONG += ["predictive_control.md", "gallery.md"]
 RUN_HERE = [name for name, text in PAGES.items() if examples(text) and name not in OWN_TESTS]
 SOON = [(name, False) for name in RUN_HERE]
 

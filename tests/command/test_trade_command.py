@@ -81,7 +81,7 @@ def test_json(tmp_path, capsys, monkeypatch):
 
 def test_json_with_progress_and_picture(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    asked = ["--operation", "dot", "--dtype", "float16", "--json", "--picture", "mine.png"]
+    asked = ["--operation", "dot", "--dtype", "float32", "--dtype", "float16", "--json", "--picture", "mine.png"]
     assert main([*SMALL[:2], *asked]) == 0
     out = capsys.readouterr()
     found = json.loads(out.out, parse_constant=pytest.fail)

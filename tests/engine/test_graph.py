@@ -277,7 +277,7 @@ def test_a_long_branch_is_computed_where_it_is_taken():
     def f(x):
         def turn(state):
             k, y = state
-            long = lambda y: functools.reduce(barrier.total, [x] * graph.LEAST_SKIPPED, y)  # noqa: E731
+            long = lambda y: functools.reduce(barrier.fixed_sum, [x] * graph.LEAST_SKIPPED, y)  # noqa: E731
             return k + 1, lax.cond(y[0] > 0, lambda _: long(x), lambda y: y, y)
 
         return lax.while_loop(lambda state: state[1][0] < 9, turn, (jnp.int32(0), x))[1]
