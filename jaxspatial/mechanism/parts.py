@@ -88,7 +88,7 @@ class Joint:
         friction_loss: N m or N; per velocity.
         stiffness: of springs, N m/rad or N/m; per velocity. For "ball" and "free" see `passive_forces`.
         spring_reference: the coordinates that springs pull towards, zero for None; per coordinate.
-        effort_limit: the largest force of the motor, N m or N; per velocity. No function applies it.
+        effort_limit: the largest force of the motor, N m or N; per velocity. `Actuators.torques` applies it.
         velocity_limit: rad/s or m/s; per velocity.
         lower, upper: limits of the coordinates, rad or m; per coordinate.
         mimic: (joint, multiplier, offset) where the coordinate follows that of another joint, which may follow one
