@@ -188,7 +188,8 @@ js.measure.recommends()
     ],
     ids=lambda x: {True: "as read", False: "soon"}.get(x, x) if isinstance(x, bool) else x,
 )
-def test_pages_run(name, as_read):
+def test_pages_run(name, as_read, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # Some write files.
     blocks = examples(PAGES[name])
     for module in OPTIONAL:
         if re.search(rf"^(import|from) {re.escape(module)}\b", "\n".join(blocks), re.M):

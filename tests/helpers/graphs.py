@@ -540,7 +540,7 @@ def _skipped(x, y):
 
     def long(v):
         for _ in range(30):
-            v = barrier.fixed_sum(barrier.product(v, v[::-1]), y)
+            v = barrier.fixed_sum(barrier.product(v, y), y)
         return v, v[0] > y[1], y
 
     def short(v):
