@@ -15,111 +15,39 @@ from tests.helpers.optional import needs
 
 needs("pydrake")
 needs("pinocchio")
-from pydrake.geometry import (  # noqa: E402
-    AddContactMaterial,
-    CollisionFilterDeclaration,
-    GeometrySet,
-    HalfSpace,
-    ProximityProperties,
-    Sphere,
-)
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, HalfSpace, Sphere  # noqa: E402
 from pydrake.math import RigidTransform  # noqa: E402
 from pydrake.multibody.parsing import Parser  # noqa: E402
-from pydrake.multibody.plant import (  # noqa: E402
-    AddMultibodyPlantSceneGraph,
-    ContactModel,
-    CoulombFriction,
-    DiscreteContactApproximation,
-)
 from pydrake.multibody.tree import JacobianWrtVariable, MultibodyForces  # noqa: E402
-from pydrake.systems.framework import DiagramBuilder  # noqa: E402
 
-# The ground is rigid: of two stiffnesses in series that of the sphere is left.
-RIGID = 1e40
+from tests.helpers.drake_contact import RIGID, ContactPlant, material  # noqa: E402
 
 
-class Plant:
-    """A scene in Drake. dt = 0: its continuous model."""
+class Plant(ContactPlant):
+    """A scene in Drake."""
 
     def __init__(self, name, dt, dissipation=0.0, stiction_speed=1e-3):
-        self.scene, self.dt = scenes.SCENES[name](), dt
-        builder = DiagramBuilder()
-        self.plant, graph = AddMultibodyPlantSceneGraph(builder, time_step=dt)
+        self.scene = scenes.SCENES[name]()
+        super().__init__(self.scene.mechanism, dt)
         plant = self.plant
-        plant.set_contact_model(ContactModel.kPoint)
-        if dt:
-            plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-            plant.SetUseSampledOutputPorts(False)
         Parser(plant).AddModelsFromString(self.scene.text, "urdf")
         if not self.scene.is_floating:
             plant.WeldFrames(plant.world_frame(), plant.GetFrameByName(self.scene.mechanism.frame_names[1]))
-        ground = self._material(RIGID, 0.0, 0.0)
+        mu = self.scene.friction
+        ground = material(RIGID, 0.0, mu)
         plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "ground", ground)
-        own = self._material(self.scene.stiffness, self.scene.relaxation_time, dissipation)
+        own = material(self.scene.stiffness, self.scene.relaxation_time, mu, dissipation)
         self.bodies = [plant.GetBodyByName(name) for name in self.scene.frames]
         spheres = [
-            plant.RegisterCollisionGeometry(body, RigidTransform(p), Sphere(self.scene.radius), f"sphere{i}", own)
+            plant.RegisterCollisionGeometry(body, RigidTransform(p), Sphere(self.scene.radius), f"sphere {i}", own)
             for i, (body, p) in enumerate(zip(self.bodies, self.scene.positions, strict=True))
         ]
         plant.Finalize()
         if not dt:
             plant.set_stiction_tolerance(stiction_speed)
-        filters = graph.collision_filter_manager()
+        filters = self.graph.collision_filter_manager()
         filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(spheres)))
-        self.inspector = graph.model_inspector()
-        self.diagram = builder.Build()
-        self.root = self.diagram.CreateDefaultContext()
-        self.context = plant.GetMyContextFromRoot(self.root)
-        mech = self.scene.mechanism
-        joints = [plant.get_joint(i) for i in plant.GetJointIndices()]
-        by_body = {joint.child_body().name(): joint for joint in joints}
-        own_joints = [by_body[name] for name in mech.body_names]
-        self.q_order = np.concatenate([x.position_start() + np.arange(x.num_positions()) for x in own_joints])
-        self.v_order = np.concatenate([x.velocity_start() + np.arange(x.num_velocities()) for x in own_joints])
-
-    def _material(self, stiffness, relaxation_time, dissipation):
-        material, mu = ProximityProperties(), self.scene.friction
-        AddContactMaterial(dissipation, stiffness, CoulombFriction(mu, mu), material)
-        material.AddProperty("material", "relaxation_time", relaxation_time)
-        return material
-
-    def rates(self, q):
-        """T: Drake's rates are T times ours; of a floating base they are in world axes."""
-        n = self.scene.mechanism.nv
-        T = np.zeros((n, n))
-        T[self.v_order, np.arange(n)] = 1
-        if self.scene.is_floating:
-            with jax.enable_x64(True):
-                R_WB = np.asarray(js.Rotation.from_quaternion(q[:4]).to_matrix())
-            T[np.ix_(self.v_order[:6], np.arange(6))] = np.kron(np.eye(2), R_WB)
-        return T
-
-    def set(self, state):
-        q = np.empty(len(state.q))
-        q[self.q_order] = state.q
-        self.plant.SetPositions(self.context, q)
-        T = self.rates(state.q)
-        self.plant.SetVelocities(self.context, T @ state.v)
-        # Generalized forces are dual to rates.
-        self.forces = np.linalg.solve(T.T, state.tau)
-        self.plant.get_applied_generalized_force_input_port().FixValue(self.context, self.forces)
-        return T
-
-    def step(self):
-        """(next q, next rates, as Drake has them; the force on each sphere, by its number)."""
-        plant = self.plant
-        after = plant.EvalUniquePeriodicDiscreteUpdate(self.context).value()
-        results = plant.get_contact_results_output_port().Eval(self.context)
-        forces = {}
-        for k in range(results.num_point_pair_contacts()):
-            info = results.point_pair_contact_info(k)
-            pair = info.point_pair()
-            names = [self.inspector.GetName(i).rpartition("::")[2] for i in (pair.id_A, pair.id_B)]
-            (number,) = (int(name.removeprefix("sphere")) for name in names if name.startswith("sphere"))
-            # On body B.
-            sign = 1 if names[1] != "ground" else -1
-            forces[number] = sign * info.contact_force()
-        return after[: plant.num_positions()], after[plant.num_positions() :], forces
+        self.build()
 
     def problem(self):
         """The oracle's problem at this state, in Drake's coordinates: (Problem, the numbers of the spheres inside)."""

@@ -1,13 +1,10 @@
 """Spheres on a body against a shape on another, against Drake's discrete steps with SAP and point contact."""
 
-import functools
-
 import jax
 import numpy as np
 import pytest
 
 import jaxspatial as js
-from tests.helpers import contact_oracle as oracle
 from tests.helpers import contact_pairs as scenes
 from tests.helpers.contact_pairs import BOXES, HANDS, HELD, Numbers
 from tests.helpers.interpreted import interpreted
@@ -16,23 +13,15 @@ from tests.helpers.optional import needs
 
 needs("pydrake")
 from pydrake.geometry import (  # noqa: E402
-    AddContactMaterial,
     Box,
     Capsule,
     CollisionFilterDeclaration,
     Cylinder,
     GeometrySet,
     HalfSpace,
-    ProximityProperties,
     Sphere,
 )
 from pydrake.math import RigidTransform, RotationMatrix  # noqa: E402
-from pydrake.multibody.plant import (  # noqa: E402
-    AddMultibodyPlantSceneGraph,
-    ContactModel,
-    CoulombFriction,
-    DiscreteContactApproximation,
-)
 from pydrake.multibody.tree import (  # noqa: E402
     FixedOffsetFrame,
     PrismaticJoint,
@@ -41,24 +30,14 @@ from pydrake.multibody.tree import (  # noqa: E402
     RotationalInertia,
     SpatialInertia,
 )
-from pydrake.systems.framework import DiagramBuilder  # noqa: E402
+
+from tests.helpers.drake_contact import RIGID, ContactPlant, material  # noqa: E402
 
 
 @pytest.fixture(autouse=True)
 def _x64():
     with jax.enable_x64(True):
         yield
-
-
-# The ground is rigid: of two stiffnesses in series that of the sphere is left.
-RIGID = 1e40
-
-
-def _material(stiffness, relaxation_time, friction):
-    material = ProximityProperties()
-    AddContactMaterial(0.0, stiffness, CoulombFriction(friction, friction), material)
-    material.AddProperty("material", "relaxation_time", relaxation_time)
-    return material
 
 
 def _pose(X):
@@ -81,34 +60,25 @@ def _shape_of(shape):
     return made[type(shape)](), _pose(shape.placement)
 
 
-class Plant:
+class Plant(ContactPlant):
     """A PairScene in Drake."""
 
     def __init__(self, scene, dt):
-        self.scene, self.dt = scene, dt
-        builder = DiagramBuilder()
-        self.plant, graph = AddMultibodyPlantSceneGraph(builder, time_step=dt)
+        self.scene = scene
+        super().__init__(scene.mechanism, dt)
         plant = self.plant
-        plant.set_contact_model(ContactModel.kPoint)
-        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-        plant.SetUseSampledOutputPorts(False)
         plant.mutable_gravity_field().set_gravity_vector(np.asarray(scene.gravity))
         bodies = {name: self._body(name, M) for name, M in scene.bodies.items()}
-        self.joints = {x.child: self._joint(x, bodies) for x in scene.joints}
+        for x in scene.joints:
+            self._joint(x, bodies)
         allowed = self._geometries(bodies)
         plant.Finalize()
-        filters = graph.collision_filter_manager()
+        filters = self.graph.collision_filter_manager()
         everything = GeometrySet([x for pair in allowed for own in pair for x in own])
         filters.Apply(CollisionFilterDeclaration().ExcludeWithin(everything))
         for one, other in allowed:
             filters.Apply(CollisionFilterDeclaration().AllowBetween(GeometrySet(one), GeometrySet(other)))
-        self.inspector = graph.model_inspector()
-        self.diagram = builder.Build()
-        self.root = self.diagram.CreateDefaultContext()
-        self.context = plant.GetMyContextFromRoot(self.root)
-        own = [self.joints[name] for name in scene.mechanism.body_names]
-        self.q_order = np.concatenate([x.position_start() + np.arange(x.num_positions()) for x in own])
-        self.v_order = np.concatenate([x.velocity_start() + np.arange(x.num_velocities()) for x in own])
+        self.build()
 
     def _body(self, name, M):
         I = np.asarray(M.central_matrix())  # noqa: E741
@@ -133,11 +103,11 @@ class Plant:
         """Pairs of lists of geometries that may touch. Spheres have the numbers of contacts in a step for names."""
         plant, (shapes, spheres), contacts = self.plant, self.scene.pairs, self.scene.contacts
         # Friction of a pair is a mean: beside the ground it is that of the sphere.
-        ground = _material(RIGID, 0.0, float(contacts.friction))
+        ground = material(RIGID, 0.0, float(contacts.friction))
         below = plant.RegisterCollisionGeometry(plant.world_body(), RigidTransform(), HalfSpace(), "ground", ground)
         allowed = [([below], self._spheres(bodies, contacts, 0))]
         own = self._spheres(bodies, spheres, len(contacts.frames))
-        law = _material(*(float(x) for x in (shapes.stiffness, shapes.relaxation_time, shapes.friction)))
+        law = material(*(float(x) for x in (shapes.stiffness, shapes.relaxation_time, shapes.friction)))
         # Of a batch of shapes each frame has its own; else a frame has one for all that touch it.
         found = {}
         for i, name in enumerate(shapes.frames):
@@ -149,7 +119,7 @@ class Plant:
         return allowed
 
     def _spheres(self, bodies, contacts, first):
-        law = _material(*(float(x) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction)))
+        law = material(*(float(x) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction)))
         return [
             self.plant.RegisterCollisionGeometry(
                 bodies[name], RigidTransform(p), Sphere(float(contacts.radius)), f"sphere {first + i}", law
@@ -157,43 +127,13 @@ class Plant:
             for i, (name, p) in enumerate(zip(contacts.frames, contacts.positions, strict=True))
         ]
 
-    def rates(self, q):
-        """T: Drake's rates are T times ours; of a floating body they are in world axes."""
-        order = np.zeros((len(self.v_order), len(self.v_order)))
-        order[self.v_order, np.arange(len(order))] = 1
-        return order @ oracle.in_world(self.mechanism, q)
-
-    @functools.cached_property
-    def mechanism(self):
-        return self.scene.mechanism
-
-    def set(self, state):
-        q = np.empty(len(state.q))
-        q[self.q_order] = state.q
-        self.plant.SetPositions(self.context, q)
-        T = self.rates(state.q)
-        self.plant.SetVelocities(self.context, T @ state.v)
-        # Generalized forces are dual to rates.
-        self.plant.get_applied_generalized_force_input_port().FixValue(self.context, np.linalg.solve(T.T, state.tau))
-
     def step(self, moves=False):
-        """(next q, next rates, as Drake has them; the forces on the spheres)."""
-        plant = self.plant
-        after = np.array(plant.EvalUniquePeriodicDiscreteUpdate(self.context).value())
-        results = plant.get_contact_results_output_port().Eval(self.context)
+        """With zeros for spheres that do not touch."""
+        q, v, found = super().step(moves)
         forces = np.zeros((len(self.scene.contacts.frames) + len(self.scene.pairs[1].frames), 3))
-        for k in range(results.num_point_pair_contacts()):
-            info = results.point_pair_contact_info(k)
-            names = [
-                self.inspector.GetName(x).rpartition("::")[2] for x in (info.point_pair().id_A, info.point_pair().id_B)
-            ]
-            (number,) = (int(name.removeprefix("sphere ")) for name in names if name.startswith("sphere"))
-            # Drake's is on body B.
-            forces[number] = info.contact_force() * (1 if names[1].startswith("sphere") else -1)
-        if moves:
-            plant.SetPositionsAndVelocities(self.context, after)
-        n = plant.num_positions()
-        return after[:n], after[n:], forces
+        for number, force in found.items():
+            forces[number] = force
+        return q, v, forces
 
 
 KINDS = {
