@@ -44,9 +44,8 @@ class Loop:
 
     length: the number of turns; None for a loop that goes on while `condition` is true. is_branch: whether it has at
     most one turn, of states for which `condition` is true. is_reverse: whether the rows are taken from the last one on.
-    carried: of each number that turns pass on (parameter, its first value, its new
-    value). rows: by parameter, the nodes that it is in each turn, by row. stacked: nodes of the body whose values in
-    all turns are results.
+    carried: of each number that turns pass on (parameter, its first value, its new value). rows: by parameter, the
+    nodes that it is in each turn, by row. stacked: nodes of the body whose values in all turns are results.
     """
 
     def __init__(self, region: int, length: int | None, is_reverse: bool = False):

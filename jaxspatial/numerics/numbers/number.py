@@ -190,15 +190,8 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
         data = data_of(arguments)
         if not data:
             return function(*arguments)
-        given, found = without_data(arguments), list[Any]()
-
-        def on_data(data: list) -> list:
-            result = function(*with_data(given, data))
-            found[:] = [without_data(result)]
-            return data_of(result)
-
-        results = not_inlined(on_data, data)
-        return with_data(found[0], results)
+        on_data, whole = _on_data(function, arguments)
+        return whole(not_inlined(on_data, data))
 
     return wrapped
 
@@ -208,18 +201,29 @@ def where_any(mask: Mask, function: Callable[..., T], *arguments: Any) -> T:
 
     Where no state has any, nothing is computed: in machine code of our own that is asked for a few states at a time.
     """
-    data, given, found = data_of(arguments), without_data(arguments), list[Any]()
-    is_any = mask.any(0, keepdims=True)
+    data, is_any = data_of(arguments), mask.any(0, keepdims=True)
+    on_data, whole = _on_data(function, arguments)
 
-    def on_data(*data: jax.Array) -> list[Any]:
+    def chosen(*data: jax.Array) -> list[jax.Array]:
+        return [jnp.where(jnp.broadcast_to(is_any, x.shape), x, jnp.zeros_like(x)) for x in on_data(data)]
+
+    closed = jax.make_jaxpr(chosen)(*data)
+    zeros = [(x.shape, x.dtype) for x in closed.out_avals]
+    return whole(lax.cond(is_any.any(), jaxpr_as_fun(closed), lambda *_: [jnp.zeros(*x) for x in zeros], *data))
+
+
+def _on_data(
+    function: Callable[..., T], arguments: Sequence
+) -> tuple[Callable[..., list[jax.Array]], Callable[..., T]]:
+    """(the function from arrays among its arguments to arrays; what makes its result of these, after a call of it)."""
+    given, found = without_data(arguments), list[T]()
+
+    def on_data(data: Sequence[jax.Array]) -> list[jax.Array]:
         result = function(*with_data(given, data))
         found[:] = [without_data(result)]
-        return [jnp.where(jnp.broadcast_to(is_any, x.shape), x, jnp.zeros_like(x)) for x in data_of(result)]
+        return data_of(result)
 
-    closed = jax.make_jaxpr(on_data)(*data)
-    zeros = [(x.shape, x.dtype) for x in closed.out_avals]
-    results = lax.cond(is_any.any(), jaxpr_as_fun(closed), lambda *_: [jnp.zeros(*x) for x in zeros], *data)
-    return with_data(found[0], results)
+    return on_data, lambda data: with_data(found[0], data)
 
 
 def is_number(x: object) -> TypeGuard[Number]:
