@@ -291,8 +291,8 @@ class World:
         """S D^-1 S^T of the velocities that carry each body, with D the diagonal of A, of every bundle.
 
         As an Articulated with velocities in place of torques and angular velocities in place of forces: both move to
-        another point alike. Velocities of floating roots count along the axes of the world, whether or not others are
-        used for want of known numbers: how hard contacts are does not depend on what is known.
+        another point alike. Velocities of floating roots count along the axes of the world. So how hard contacts are does
+        not depend on which numbers are known while tracing.
         """
         bodies = [
             self._as_along_world(body) if has_floating_roots(b) and not body.turns else body
@@ -302,7 +302,7 @@ class World:
         return recursion.outward(self.state, _mobility, articulated.none(self.state.known(0.0)), both)
 
     def _as_along_world(self, body: Body) -> Body:
-        """A floating root with velocities along the axes of the world, of whose resistance the diagonal is left."""
+        """A floating root with velocities along the axes of the world; its resistance is the diagonal in these."""
         turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
         squares = [Vector(*(x * x for x in row)) for row in body.R]
         resistance = tuple(dot(x, own) for own in (turning, moving) for x in squares)

@@ -645,8 +645,8 @@ class Writer:
         return self.loaded(f, self.offset(f, self.offset(f, self.frame, place), scaled), dtype)
 
     def _looked_up(self, f: Function, node: int, index: str) -> str:
-        """What a table has at an index: read for one state after the other. Processors whose instruction for all of
-        them is mended against spying (Gather Data Sampling) take longer by it."""
+        """What a table has at an index. It is read for one state after the other: a gather is slower on processors that
+        are protected against Gather Data Sampling."""
         g, dtype = self.g, self.g.dtypes[node]
         table, kind = g.tables[g.details[node]], g.dtypes[g.operands[node][0]]
         t, cell, wide = self.scalar(dtype), self.scalar(dtype), np.dtype(np.int64)
