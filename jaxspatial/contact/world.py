@@ -291,8 +291,8 @@ class World:
         """S D^-1 S^T of the velocities that carry each body, with D the diagonal of A, of every bundle.
 
         As an Articulated with velocities in place of torques and angular velocities in place of forces: both move to
-        another point alike. Velocities of floating roots count along the axes of the world. So how hard contacts are does
-        not depend on which numbers are known while tracing.
+        another point alike. Velocities of floating roots count along the axes of the world. So how hard contacts are
+        does not depend on which numbers are known while tracing.
         """
         bodies = [
             self._as_along_world(body) if has_floating_roots(b) and not body.turns else body
