@@ -110,7 +110,7 @@ def sums_over_items(numbers: Numbers, size: int) -> Numbers:
     rounded = [x for x in numbers if isinstance(x, Rounded)]
     if not rounded:
         return _sums_of_double_words(numbers)
-    data = [x.value for x in rounded if not is_known(x.value, 0)]
+    data = [x.operand for x in rounded if not is_known(x.value, 0)]
     if not data:
         return tuple(rounded)
     # All of them in one array: one chain of additions.

@@ -17,6 +17,7 @@ from tests.helpers.interpreted import OF_NUMBERS as OPERATION_OF
 from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operations import DISTINCT, DTYPES, NAIVE, OPERATIONS, REPRESENTATIVES
+from tests.helpers.products import sums_of_arguments
 from tests.laws.batches import ALL, BATCH, ONE, arrays, assert_same_bits, on_device, together, value
 from tests.laws.cases import MANY, PROGRAMS
 from tests.laws.surroundings import OF_OPERATIONS
@@ -68,6 +69,15 @@ def test_value_does_not_depend_on_who_computed_the_arguments(names, dtype):
         result = jax.jit(lambda *both: together(names)(multiplied(*both)))(inputs, near_one)
     for name in names:
         assert_same_bits(result[name], expected[name], name)
+
+
+@pytest.mark.parametrize("precision", [None, "compensated", "faithful"])
+def test_arguments_are_added_behind_a_barrier(precision):
+    """They may be products of the caller's, as above; whether a compiler makes fmas of these depends on what else is
+    compiled with them. Sums of a whole polynomial (`jaxspatial_sums`) have their barriers inside."""
+    for name, operation in OPERATIONS.items():
+        traced = jax.make_jaxpr(operation.on_arrays(precision))(*arrays(name))
+        assert sums_of_arguments(traced) == [], name
 
 
 # float64 exists only while 64-bit types are on.
