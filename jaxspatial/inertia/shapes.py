@@ -294,6 +294,8 @@ def corners_of(vertices: jax.Array, triangles) -> jax.Array:
         raise ValueError(f"triangle_mesh: triangles: expected indices from 0 to {n - 1}, got {came}")
     if isinstance(triangles, np.ndarray):
         _require_closed(vertices, triangles)
+    else:
+        vertices = jnp.asarray(vertices)  # NumPy arrays take no tracers for indices.
     x = vertices[..., triangles, :]
     return x.reshape((*x.shape[:-3], triangles.shape[0], 9))
 

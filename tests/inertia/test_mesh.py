@@ -272,6 +272,15 @@ def test_vertices_at_one_place_are_one_where_they_are_known():
     SpatialInertia.triangle_mesh(corners, np.vstack([BOX, [[0, 0, 5]]]), mass=1.0)
 
 
+def test_triangles_that_are_data_of_known_vertices():
+    corners = CORNERS.astype(np.float32)
+
+    def mass(faces):
+        return SpatialInertia.triangle_mesh(corners, faces, density=1.0).mass
+
+    assert float(jax.jit(mass)(BOX)) == float(mass(BOX))
+
+
 # -- sums -------------------------------------------------------------------------------------------------------------
 
 
