@@ -80,7 +80,7 @@ def mechanism(name):
         own[0] = dataclasses.replace(own[0], turn_limit=0.1)
         tendons = [js.Tendon("rope", ["joint1", "joint2"], [1.0, -0.7], 0.1, 2.0, 0.3, 0.4, upper=-0.2)]
     frames = [js.Frame(f"tool{i}", f"body{i}", pose(rng)) for i in range(len(parts))]
-    mech = js.Mechanism.build(bodies, own, frames, rng.standard_normal(3), np.float64, tendons=tendons)
+    mech = js.Mechanism.build(bodies, own, [*frames, POST], rng.standard_normal(3), np.float64, tendons=tendons)
     far = {"lower": np.full(mech.nq, 0.3), "upper": np.full(mech.nq, -0.2)}
     return mech.replace(**far)
 
@@ -130,7 +130,9 @@ JOINTS, GEOMETRY, BODIES, DYNAMICS = reading.JOINTS, reading.GEOMETRY, reading.B
 FREE_OF_GRAVITY = *BODIES, "armature"
 OF_BODIES, OF_FRAMES = (*GEOMETRY, "child_placements"), (*GEOMETRY, "frame_placements")
 LOADED = *DYNAMICS, "frame_placements"
-HELD = (js.LoopClosure("world", TOOL, "distance", 0.7),)
+# From a place that no axis of a joint passes: there a distance does not depend on the joint, and nothing is held.
+POST = js.Frame("post", "world", js.RigidTransform(js.Rotation.identity(dtype=np.float64), np.array([0.3, -0.5, 0.2])))
+HELD = (js.LoopClosure("post", TOOL, "distance", 0.7),)
 HOLDING = "lifts", "turn_limits", "tendons"
 PASSIVE = "stiffness", "spring_references", "damping", "friction_loss", "lower", "upper"
 STEPS = *DYNAMICS, *PASSIVE

@@ -42,7 +42,10 @@ def test_pull_back_is_the_transpose_of_the_tangent(name, dtype, precision):
 @cases.SHARED_ARGUMENTS.parametrize
 def test_pull_back_of_an_item_shared_by_a_batch(name, how):
     operation = OPERATIONS[name]
-    for i in range(len(operation.kinds)):
+    kinds = operation.arguments.split()
+    for i, kind in enumerate(kinds):
+        if how == "broadcasting" and kind in ("F", "A") and "scalar" in kinds:
+            continue  # refused: see `test_one_item_is_shared_by_a_batch`
         shared = [place == i for place in operation.places]
         x, t = (
             [a[ONE] if is_shared else a[:, 0, 0] for a, is_shared in zip(make(name, "float32"), shared, strict=True)]
