@@ -1,5 +1,7 @@
 """What a step with contact costs: convex_step beside mjx.step and semi_implicit_step, of quadrupeds on four feet.
 
+A Go2 also stands on stairs, astride a riser: `js.Stairs` beside boxes of MJX.
+
     python tests/benchmarks/contact.py [--write]
     python tests/benchmarks/contact.py --against COMMIT [--write] [--robots ...]
 
@@ -37,10 +39,14 @@ from contact_rows import (  # noqa: E402
     DT,
     GRADIENT,
     MJX,
+    MJX_STAIRS,
+    ON_STAIRS,
     ONE,
     PLAIN,
+    RISE,
     ROBOTS,
     ROLLOUT,
+    STAIRS,
     WITHOUT,
     calls,
     per_step,
@@ -50,6 +56,10 @@ from dynamics_compiling import made  # noqa: E402
 from jaxspatial import measure  # noqa: E402
 
 TABLE = HERE / "contact.md"
+# Of the cases that end in a state: the place of the trunk's height in it, and the case that begins with the same.
+HEIGHTS = {CONVEX: (6, CONVEX), MJX: (2, CONVEX), ONE: (6, CONVEX), STAIRS: (6, STAIRS), MJX_STAIRS: (2, STAIRS)}
+# m, in the middle between the feet.
+GROUND = {CONVEX: 0.0, STAIRS: 1.5 * RISE}
 
 
 class Claim(NamedTuple):
@@ -73,6 +83,7 @@ class Bound(NamedTuple):
 
 CLAIMS = (
     Claim(MJX, CONVEX, least=5.0, robots=("solo12",)),
+    Claim(MJX_STAIRS, STAIRS, least=5.0, robots=ON_STAIRS),
     Claim(GRADIENT, ROLLOUT, most=4.5),
     Bound(CONVEX, 6, ("solo12",)),
     Bound(CONVEX, 9, ("go1", "go2")),
@@ -85,15 +96,16 @@ CLAIMS = (
 def cases(name, n, steps):
     """(case -> compiled call, case -> seconds to trace and to compile), after a look at the results."""
     compiled, seconds, programs, found = {}, {}, {}, calls(name, n, steps)
-    before = np.asarray(found[CONVEX][1][0][:, 6])
+    before = {case: np.asarray(found[case][1][0][:, 6]) - above for case, above in GROUND.items() if case in found}
     for case, (function, arguments) in found.items():
         lowered, program, seconds[case] = made(function, arguments)
         programs[case] = lowered.as_text()
         compiled[case] = functools.partial(repeated, program) if case == CALL else program
         compiled[case] = functools.partial(compiled[case], *arguments)
-        if case in (CONVEX, MJX, ONE):
-            after = np.asarray(compiled[case]()[0])
-            check_standing(f"{name}, {case}", after[..., 2 if case == MJX else 6], before)
+        if case in HEIGHTS:
+            place, of = HEIGHTS[case]
+            heights = np.asarray(compiled[case]()[0])[..., place] - GROUND[of]
+            check_standing(f"{name}, {case}", heights, before[of])
         elif not all(np.isfinite(x).all() for x in jax.tree.leaves(compiled[case]())):
             raise AssertionError(f"{name}, {case}: not all numbers are finite")
     # No clock tells so much.

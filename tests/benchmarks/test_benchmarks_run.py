@@ -61,11 +61,13 @@ def test_xfrc_applied():
 def test_contact():
     for name in ("pinocchio", "mujoco.mjx"):
         pytest.importorskip(name)
-    options = ["--n", "8", "--steps", "4", "--rounds", "2", "--robots", "go1"]
+    options = ["--n", "8", "--steps", "4", "--rounds", "2", "--robots", "go2"]
     run = subprocess.run([sys.executable, HERE / "contact.py", *options], capture_output=True, text=True, timeout=900)
     assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
-    for case in ("convex_step", "semi_implicit_step", "mjx.step", "convex_step, one state, a call"):
+    on_stairs = "convex_step on stairs", "mjx.step on stairs"
+    for case in ("convex_step", "semi_implicit_step", "mjx.step", "convex_step, one state, a call", *on_stairs):
         assert f"\n| {case} | " in run.stdout
+    assert "go2, mjx.step on stairs over convex_step on stairs: " in run.stdout
     assert run.stdout.count("at most") == 5 and "the program of semi_implicit_step" in run.stdout
 
 
