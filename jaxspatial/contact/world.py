@@ -103,7 +103,10 @@ class World:
             lambda w: jnp.broadcast_to(w, (bundle.length, *w.shape[1:])),
             tuple(a + dt * c for a, c in zip(link.armature, link.tau, strict=True)),
         )
-        turns = has_floating_roots(bundle) and all(is_constant(x) and x.value == 0 for x in resistance)
+        # What acts along the axes of bodies keeps velocities along these: dry friction too.
+        friction = self.state.own(bundle, self.state.fields["friction_loss"])
+        is_free = all(is_constant(x) and x.value == 0 for x in (*resistance, *friction))
+        turns = has_floating_roots(bundle) and is_free
         if turns:
             S = self._along_world
         return Body(R, r, S, inertia, resistance, turns)

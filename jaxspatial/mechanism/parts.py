@@ -85,7 +85,7 @@ class Joint:
             armature times the rate of the velocity: of the linear ones of "free" and "planar", whose axes turn, in the
             axes of the parent, so that these have one number for all.
         damping: N m s or N s/m; per velocity.
-        friction_loss: N m or N; per velocity.
+        friction_loss: N m or N; per velocity, along its axis: of "free" and "planar" those of the child.
         stiffness: of springs, N m/rad or N/m; per velocity. For "ball" and "free" see `passive_forces`.
         spring_reference: the coordinates that springs pull towards, zero for None; per coordinate.
         effort_limit: the largest force of the motor, N m or N; per velocity. `Actuators.torques` applies it.

@@ -868,6 +868,29 @@ def test_limits_pairs_and_closures_add_no_energy(name):
     assert (lost > 0.5).all() and (name != "limits" or np.ptp(lost) < 0.02 * lost.max())
 
 
+@pytest.mark.parametrize("damping", [0.0, 1e-9])
+def test_dry_friction_of_a_floating_body_is_along_its_axes(damping):
+    """As that of `passive_forces` is, whatever else acts along them: it slides, and it sticks."""
+    inertia = js.SpatialInertia.solid_box(np.array([0.3, 0.2, 0.1]), mass=np.float64(2))
+    loss = np.array([0.01, 0.02, 0.03, 0.4, 0.5, 0.6])
+    mech = js.Mechanism.build(
+        [js.Body("a", inertia)], [js.Joint("root", "free", "world", "a", friction_loss=loss, damping=damping)],
+        dtype=np.float64, gravity=np.zeros(3),
+    )  # fmt: skip
+    q = np.array([0.9, 0.1, 0.3, -0.2, 0, 0, 0])
+    v, tau, dt = np.array([3.0, -4, 5, 1, 2, -3]), np.array([[0.0] * 6, 0.5 * loss]), 1e-3
+    q[:4] /= np.linalg.norm(q[:4])
+    without = mech.replace(friction_loss=np.zeros(6))
+    v = np.array([v, 0 * v])
+    after = interpreted(lambda v, tau: js.convex_step(mech, q, v, tau, dt))(v, tau)
+    free, M = interpreted(lambda v: (js.convex_step(without, q, v, 0 * v, dt), js.mass_matrix(mech, q)))(v)
+    # Axes turn within the step.
+    found, free = (oracle.in_world(mech, x.q[0]) @ x.v[0] for x in (after, free))
+    pushed = oracle.in_world(mech, q).T @ (found - free)
+    np.testing.assert_allclose(pushed, -dt * loss * np.sign(v[0]) / np.diag(M), rtol=1e-7)
+    assert abs(after.v[1]).max() < 1e-3 * (dt * tau[1] / np.diag(M)).max()
+
+
 # -- transformations --------------------------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""Limits of tendons and of the angles of balls in the convex step, against MuJoCo's, where both are at rest."""
+"""Limits and dry friction in the convex step, against MuJoCo's, where both model the same."""
 
 import jax
 import jax.numpy as jnp
@@ -55,3 +55,32 @@ def test_what_hangs_on_limits_as_in_mujoco():
     np.testing.assert_allclose(bias[1], -0.5 * pull, rtol=0, atol=1e-6)
     np.testing.assert_allclose(np.cross(bias[2:], axis), 0, rtol=0, atol=1e-6)
     np.testing.assert_allclose(bias, data.qfrc_constraint, rtol=0, atol=1e-4 * abs(bias).max())
+
+
+def test_slides_and_a_ball_rub_as_a_free_joint_does():
+    """What the page names in place of friction of a free joint: where it slides, MuJoCo's forces; else it stays."""
+    tail = '<geom type="box" size="0.15 0.1 0.05" mass="2"/></body></worldbody></mujoco>'
+    head = '<mujoco><option gravity="0 0 0"/><worldbody><body name="a">'
+    axes = zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True)
+    slides = "".join(f'<joint name="{x}" type="slide" axis="{axis}" frictionloss="0.3"/>' for x, axis in axes)
+    mech = js.Mechanism.from_mjcf(f'{head}{slides}<joint type="ball" frictionloss="0.3"/>{tail}', dtype=np.float64)
+    without = mech.replace(friction_loss=np.zeros(6))
+    model = mujoco.MjModel.from_xml_string(f'{head}<joint type="free" frictionloss="0.3"/>{tail}')
+    data, rng, dt = mujoco.MjData(model), np.random.default_rng(0), 1e-3
+    q, v, tau = rng.normal(size=(5, 7)), rng.normal(size=(5, 6)), np.zeros((5, 6))
+    q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
+    v = v + 2 * np.sign(v)  # Slower, MuJoCo's friction gives way.
+    v[4], tau[4] = 0, 0.5 * 0.3
+
+    def rubbed(q, v, tau):
+        after, free = (js.convex_step(m, q, v, tau, dt).v for m in (mech, without))
+        return ((js.mass_matrix(mech, q) @ x[..., None])[..., 0] / dt for x in (after - free, after))
+
+    found, left = jax.jit(lambda *x: tuple(rubbed(*x)))(q, v, tau)
+    for i in range(4):
+        data.qpos[:], data.qvel[:] = q[i], v[i]
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(abs(data.qfrc_constraint), 0.3, rtol=1e-12)
+        np.testing.assert_allclose(found[i], data.qfrc_constraint, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(found[4], -tau[4], rtol=2e-3)
+    assert abs(left[4]).max() <= 1e-3 * 0.5 * 0.3

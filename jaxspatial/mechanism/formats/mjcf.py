@@ -572,8 +572,10 @@ def _check_joints(file: _File):
             if file.kind(j) == "free" and len(set(linear)) > 1:
                 file.refuse("joint", j, f"{name}: expected one number for all linear velocities, got {linear}")
         if file.kind(j) == "free" and m.dof_frictionloss[dofs].any():
+            # MuJoCo's is along the axes of the world for the linear velocities, ours along those of the body.
             if file.strict:
-                file.refuse("joint", j, "frictionloss: that of a free joint is in the world's axes; leave it out")
+                instead = "put slides along x, y and z and a ball in place of the joint, each with its frictionloss"
+                file.refuse("joint", j, f"frictionloss: that of a free joint is along the world's axes; {instead}")
             file.miss("frictionloss of a free joint", file.name("joint", j))
 
 
