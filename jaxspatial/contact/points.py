@@ -23,6 +23,7 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
+from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.shapes import direction
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
@@ -52,14 +53,16 @@ class Centres:
     offsets: Array
 
 
-@tree_of()
+@tree_of("reversed")
 class ContactData(TermData):
     """The contacts of a step, as arrays (*batch, n) or (*batch, 3 n): n spheres on frames.
 
-    others: of the spheres that the last of them touch; all but these touch the ground. normals: out of the ground or of
-    the other sphere, in world axes. distances: between the surfaces, negative inside.
+    reversed: of each whether its force is returned as that on the other, in place of that on the sphere. others: of the
+    spheres that the last of them touch; all but these touch the ground. normals: out of the ground or of the other
+    sphere, in world axes. distances: between the surfaces, negative inside.
     """
 
+    reversed: tuple[bool, ...]
     centres: Centres
     others: Centres | None
     normals: Array
@@ -75,6 +78,8 @@ class ContactData(TermData):
     def wrenches(self, forces: jax.Array) -> SpatialForce:
         """(*batch, n) on the bodies of the spheres, about the contact points."""
         f = forces.reshape((*forces.shape[:-1], -1, 3))
+        if any(self.reversed):
+            f = jnp.where(np.array(self.reversed)[:, None], -f, f)
         return SpatialForce(jnp.zeros_like(f), f)
 
     def at(self, world: World, step: StepData) -> "Contacts":
@@ -132,17 +137,24 @@ def contact_data(
         normal, s = normals_and_distances("convex_step", ground, p_WS, precision)
         law = (_each(x, contacts) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction))
         centres = _on_frames(mechanism, contacts, -s[..., None] * normal)
-        parts.append(ContactData(centres, None, _flat(normal), s - jnp.broadcast_to(contacts.radius, s.shape), *law))
+        depths = s - jnp.broadcast_to(contacts.radius, s.shape)
+        parts.append(ContactData((False,) * len(centres.frames), centres, None, _flat(normal), depths, *law))
     if pairs is not None:
         others, spheres = pairs
         normal, distance, from_a, from_b = between(mechanism, q, others, spheres, precision)
         stiffness, friction = (
             harmonic_mean(*(_each(getattr(x, name), x) for x in pairs)) for name in ("stiffness", "friction")
         )
+        # What stands still is the other: of spheres on the world, what touches them.
+        is_still = tuple(mechanism.frame_body(x) == WORLD for x in spheres.frames)
+        ends = _on_frames(mechanism, spheres, from_b), _on_frames(mechanism, others, from_a)
+        if any(is_still):
+            ends = _exchanged(*ends, is_still)
+            normal = jnp.where(np.array(is_still)[:, None], -normal, normal)
         parts.append(
             ContactData(
-                _on_frames(mechanism, spheres, from_b),
-                _on_frames(mechanism, others, from_a),
+                is_still,
+                *ends,
                 _flat(normal),
                 distance,
                 stiffness / 2,
@@ -162,7 +174,20 @@ def contact_data(
         _joined([x.centres.offsets for x in parts]),
     )
     names = "normals", "distances", "stiffness", "relaxation_time", "friction"
-    return ContactData(centres, parts[1].others, *(_joined([getattr(x, name) for x in parts]) for name in names))
+    arrays = (_joined([getattr(x, name) for x in parts]) for name in names)
+    return ContactData(parts[0].reversed + parts[1].reversed, centres, parts[1].others, *arrays)
+
+
+def _exchanged(b: Centres, a: Centres, which: tuple[bool, ...]) -> tuple[Centres, Centres]:
+    """Some of b in place of those of a, and those of a in place of them."""
+    wide = np.repeat(which, 3)
+
+    def chosen(own: Centres, other: Centres) -> Centres:
+        frames = tuple(y if swaps else x for x, y, swaps in zip(own.frames, other.frames, which, strict=True))
+        positions = [np.zeros_like(wide, x.offsets.dtype) if x.positions is None else x.positions for x in (own, other)]
+        return Centres(frames, jnp.where(wide, *positions[::-1]), jnp.where(wide, other.offsets, own.offsets))
+
+    return chosen(b, a), chosen(a, b)
 
 
 def between(

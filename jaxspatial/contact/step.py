@@ -135,7 +135,8 @@ def convex_step(
             for planes of any slope and for signed distances, and else to first order. Where the gradient is zero or not
             finite there is no normal, and the result is NaN, outside of the ground too. None is the plane z = 0.
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; or
-            ShapeContacts and PointContacts, of which sphere i touches the shape on frame i. None for none. Both
+            ShapeContacts and PointContacts, of which sphere i touches the shape on frame i. One of the two frames may
+            be of the world, such as that of a table that is welded to it. None for none. Both
             surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
             2 mu mu' / (mu + mu'). The contact point is between the surfaces, as far from each as it gives way. Of
             spheres with one centre that of b is pushed along z of the world, with the derivatives of a plane across z;
@@ -234,6 +235,10 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
     ground = checked_ground(what, ground, q)
     if contacts is not None:
         contacts = _checked_contacts(mechanism, q, contacts, "contacts")
+        for frame in contacts.frames:
+            if mechanism.frame_body(frame) == WORLD:
+                got = f"{frame!r}, of the world, which pairs may have"
+                raise ValueError(f"{what}: contacts: expected frames of moving bodies, got {got}")
     if pairs is not None:
         if not isinstance(pairs, tuple) or len(pairs) != 2:
             check.refuse(f"{what}: pairs", "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
@@ -243,7 +248,8 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
             raise ValueError(f"{what}: pairs: expected as many of one as of the other, got {len(a)} and {len(b)}")
         for one, other in zip(a, b, strict=True):
             if mechanism.frame_body(one) == mechanism.frame_body(other):
-                raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, of one")
+                of = "of the world" if mechanism.frame_body(one) == WORLD else "of one"
+                raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, {of}")
         pairs = tuple(pairs) if a else None
     closures, distances = checked_closures(what, mechanism, loops, q.dtype)
     require_closable(what, mechanism, closures, distances, q.dtype)
@@ -253,9 +259,6 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
 def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str, may_be_shapes: bool = False) -> Any:
     is_shape = may_be_shapes and isinstance(contacts, ShapeContacts)
     contacts = check.narrowed(contacts) if is_shape else checked_contacts("convex_step", contacts, name)
-    for frame in contacts.frames:
-        if mechanism.frame_body(frame) == WORLD:
-            raise ValueError(f"convex_step: {name}: expected frames of moving bodies, got {frame!r}, of the world")
     check.require_same_dtype(q=q, **{name: contacts})
     return contacts
 

@@ -353,6 +353,52 @@ def test_a_ball_on_a_body_is_the_sphere_that_it_is():
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-8 * max(1, abs(y).max()))
 
 
+def test_frames_of_the_world_take_part():
+    """A shape on the world as the ground that it is; spheres on the world in a shape that falls on them; and in one
+    step with a pair of two bodies, whose order differs: the optimum, and forces on the bodies of b."""
+    rng = np.random.default_rng(3)
+    q, v = np.tile(Q, (4, 1)), 0.3 * rng.normal(size=(4, 12))
+    q[:, 1:4], q[:, 8:11] = 0.05 * rng.normal(size=(2, 4, 3))
+    q[:, :4], q[:, 7:11] = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (q[:, :4], q[:, 7:11]))
+    floor, box = js.Box(np.array([1.0, 1.0, 0.2])), js.Box(np.array(LOWER))
+    with jax.enable_x64(True):
+        X = js.RigidTransform(js.Rotation.identity((), np.float64), np.array([0.0, 0.0, -0.12]))
+        low = np.array([[0.05, 0.03, -0.06], [-0.05, 0.02, -0.05]])
+
+        def step(**given):
+            return interpreted(jax.vmap(lambda q, v: js.convex_step(MECH, q, v, np.zeros(12), 5e-3, **given)))(q, v)
+
+        # Of two surfaces one that does not give way.
+        law = {"relaxation_time": np.float64(0), "friction": 0.7}
+        soft = js.PointContacts(["lower"] * 2, low, 0.01, **law | {"stiffness": 1e4, "relaxation_time": 0.02})
+        ground = step(contacts=soft, ground=js.Box(floor.size, X))
+        table = js.ShapeContacts(["world"] * 2, js.Box(floor.size, X), stiffness=1e30, **law)
+        found = step(pairs=(table, soft))
+        np.testing.assert_allclose(found.v, ground.v, rtol=0, atol=1e-11)
+        np.testing.assert_allclose(found.contact_forces.f, ground.contact_forces.f, rtol=0, atol=1e-7)
+        assert (found.contact_forces.f[..., 2] > 1).any()
+
+        frames = ["upper", "world", "world"], ["lower", "lower", "upper"]
+        spheres = js.PointContacts(frames[0], np.array([[0, 0, -0.1], [0.1, 0, -0.09], [0, 0.05, 0.13]]), 0.05, **LAW)
+        pairs = js.ShapeContacts(frames[1], box, **LAW), spheres
+        found = step(pairs=pairs)
+        report = interpreted(jax.vmap(lambda q, v: js.contact_report(MECH, q, v, pairs=pairs)))(q, v)
+        expected = oracle.steps_of(MECH, q, v, np.zeros((4, 12)), 5e-3, spheres, lambda p: p[2] + 9, pairs)
+        f = found.contact_forces.f
+        for i, own in enumerate(expected):
+            after = oracle.in_world(MECH, found.q[i]) @ found.v[i]
+            np.testing.assert_allclose(after, own.v, rtol=0, atol=1e-8 * abs(own.v).max())
+            np.testing.assert_allclose(f[i], own.forces[3:], rtol=0, atol=1e-6 * abs(own.forces).max())
+        np.testing.assert_array_equal(report.touches, np.linalg.norm(f, axis=-1) > 0)
+        assert (report.touches.sum(0) > 0).all()
+        # Balls are alike: their order turns the force about, and nothing else.
+        a, b = (js.PointContacts([x], k * low[:1], 0.15, **LAW) for x, k in (("lower", 1), ("world", -1)))
+        one, other = step(pairs=(a, b)), step(pairs=(b, a))
+        np.testing.assert_allclose(one.v, other.v, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(one.contact_forces.f, -other.contact_forces.f, rtol=0, atol=1e-9)
+        assert (np.linalg.norm(one.contact_forces.f, axis=-1) > 1).all()
+
+
 def test_contacts_are_as_hard_whatever_is_known():
     """Numbers of a mechanism may be arguments: the axes of a floating root count, which is free of damping or not."""
     q, v = Q.copy(), np.zeros(12)
@@ -441,6 +487,20 @@ def test_derivatives_are_differences():
             ),
             ValueError,
             "pairs: expected frames of two bodies, got 'upper' and 'upper', of one",
+        ),
+        (
+            lambda: js.convex_step(
+                MECH, Q, np.zeros(12), np.zeros(12), 5e-3, pairs=[js.PointContacts(["world"], **LAW)] * 2
+            ),
+            TypeError,
+            r"pairs: expected \(a, b\)",
+        ),
+        (
+            lambda: js.convex_step(
+                MECH, Q, np.zeros(12), np.zeros(12), 5e-3, pairs=(js.PointContacts(["world"], **LAW),) * 2
+            ),
+            ValueError,
+            "pairs: expected frames of two bodies, got 'world' and 'world', of the world",
         ),
     ],
 )  # fmt: skip
