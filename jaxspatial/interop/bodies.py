@@ -41,6 +41,13 @@ def to_rows(
         row: of the simulator's body with this name; raises KeyError where there is none.
         centers: (n, 3) or (*batch, n, 3) positions of centres of mass from the origins of bodies, in their axes.
         precision: name of a precision; None takes the default.
+
+    Example:
+        >>> com = np.float32([[0, 0, -0.5], [0, 0, -0.5]])
+        >>> push = js.SpatialForce(f=[1.0, 0.0, 0.0])  # at the elbow, 0.5 m above the centre of mass
+        >>> number = ("upper", "lower").index
+        >>> print(js.interop.bodies.to_rows(arm, arm.neutral(), {"lower": push}, number, com, None)[1])
+        [1.  0.  0.  0.  0.5 0. ]
     """
     wrenches = applied_wrenches(mechanism, q, forces, precision=precision)
     names = [name for name in wrenches if name != WORLD]
@@ -62,5 +69,11 @@ def from_rows(names: Sequence[str], rows: jax.Array, centers: Any) -> AppliedFor
     """Reads (*batch, n, 6) [f; tau] about the centres of mass of n bodies with these names, in world axes.
 
     centers: as of `to_rows`.
+
+    Example:
+        >>> com = np.float32([[0, 0, -0.5], [0, 0, -0.5]])
+        >>> forces = js.interop.bodies.from_rows(["upper", "lower"], jnp.eye(2, 6), com)
+        >>> print(forces.frames, forces.wrenches.f[1])
+        ('upper', 'lower') [0. 1. 0.]
     """
     return AppliedForces(names, orders.from_linear_first(SpatialForce, rows), centers.astype(rows.dtype))

@@ -37,12 +37,24 @@ if TYPE_CHECKING:
 
 
 def from_motion(V: "base.Motion") -> SpatialVelocity:
-    """Reads a brax.base.Motion (*batch,) that is a velocity: w is its ang, v its vel."""
+    """Reads a brax.base.Motion (*batch,) that is a velocity: w is its ang, v its vel.
+
+    Example:
+        >>> from brax.base import Motion
+        >>> js.interop.brax.from_motion(Motion(ang=jnp.array([0.0, 0.0, 1.0]), vel=jnp.array([0.5, 0.0, 0.0])))
+        SpatialVelocity(w=[0.0, 0.0, 1.0], v=[0.5, 0.0, 0.0])
+    """
     return SpatialVelocity(V.ang, V.vel)
 
 
 def to_motion(V: SpatialVelocity) -> "base.Motion":
-    """Makes a brax.base.Motion (*batch,) that is a velocity."""
+    """Makes a brax.base.Motion (*batch,) that is a velocity.
+
+    Example:
+        >>> theirs = js.interop.brax.to_motion(V)
+        >>> print(theirs.ang, theirs.vel)
+        [0. 0. 1.] [0.5 0.  0. ]
+    """
     from brax import base
 
     return base.Motion(**_parts(V))
@@ -62,6 +74,12 @@ def from_spatial_acceleration(
         The classical acceleration (*batch,).
 
     Error: as of `SpatialAcceleration.from_featherstone`.
+
+    Example:
+        >>> from brax.base import Motion
+        >>> A = js.interop.brax.from_spatial_acceleration(Motion.zero(), js.interop.brax.to_motion(V))
+        >>> print(A.a)  # w x v, of a point on a circle
+        [0.  0.5 0. ]
     """
     return SpatialAcceleration.from_featherstone(from_motion(A).to_array(), from_motion(V), precision=precision)
 
@@ -72,22 +90,46 @@ def to_spatial_acceleration(
     """Makes a brax.base.Motion (*batch,) that is Featherstone's acceleration; A is classical, V about the same point.
 
     Error: as of `SpatialAcceleration.to_featherstone`.
+
+    Example:
+        >>> A = js.SpatialAcceleration(alpha=[0.0, 0.0, 2.0], a=[0.0, 0.5, 0.0])
+        >>> theirs = js.interop.brax.to_spatial_acceleration(A, V)
+        >>> print(theirs.ang, theirs.vel)
+        [0. 0. 2.] [0. 0. 0.]
     """
     return to_motion(SpatialVelocity.from_array(A.to_featherstone(V, precision=precision)))
 
 
 def from_force(F: "base.Force") -> SpatialForce:
-    """Reads a brax.base.Force (*batch,) that is a force: tau is its ang, f its vel."""
+    """Reads a brax.base.Force (*batch,) that is a force: tau is its ang, f its vel.
+
+    Example:
+        >>> from brax.base import Force
+        >>> js.interop.brax.from_force(Force(ang=jnp.array([0.0, 0.0, 3.0]), vel=jnp.array([1.0, 2.0, 0.0])))
+        SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+    """
     return SpatialForce(F.ang, F.vel)
 
 
 def from_momentum(L: "base.Force") -> SpatialMomentum:
-    """Reads a brax.base.Force (*batch,) that is a momentum, such as `Inertia.mul` gives: h is its ang, l its vel."""
+    """Reads a brax.base.Force (*batch,) that is a momentum, such as `Inertia.mul` gives: h is its ang, l its vel.
+
+    Example:
+        >>> moved = js.interop.brax.to_moved_inertia(rod)  # about its end, of 2 kg
+        >>> js.interop.brax.from_momentum(moved.mul(js.interop.brax.to_motion(V))) == rod @ V
+        Array(True, dtype=bool)
+    """
     return SpatialMomentum(L.ang, L.vel)
 
 
 def to_force(F: SpatialForce | SpatialMomentum) -> "base.Force":
-    """Makes a brax.base.Force (*batch,)."""
+    """Makes a brax.base.Force (*batch,).
+
+    Example:
+        >>> theirs = js.interop.brax.to_force(F)
+        >>> print(theirs.ang, theirs.vel)
+        [0. 0. 3.] [1. 2. 0.]
+    """
     from brax import base
 
     return base.Force(**_parts(F))
@@ -102,6 +144,12 @@ def from_transform(X_AB: "base.Transform", *, precision: PrecisionName = None) -
     """Reads a brax.base.Transform (*batch,), which holds p_AB, m, and a quaternion wxyz.
 
     Error: as of `Rotation.from_quaternion`.
+
+    Example:
+        >>> from brax.base import Transform
+        >>> X_AB = js.interop.brax.from_transform(Transform.create(pos=jnp.array([0.0, 0.0, -1.0])))
+        >>> print(X_AB @ jnp.array([1.0, 0.0, 0.0]))
+        [ 1.  0. -1.]
     """
     return RigidTransform(Rotation.from_quaternion(X_AB.rot, precision=precision), X_AB.pos)
 
@@ -110,6 +158,11 @@ def to_transform(X_AB: RigidTransform, *, precision: PrecisionName = None) -> "b
     """Makes a brax.base.Transform (*batch,), m, the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.
+
+    Example:
+        >>> theirs = js.interop.brax.to_transform(below)
+        >>> print(theirs.pos, theirs.rot)
+        [ 0.  0. -1.] [1. 0. 0. 0.]
     """
     from brax import base
 
@@ -130,13 +183,24 @@ def from_inertia(M: "base.Inertia", *, precision: PrecisionName = None) -> Spati
         M_BBo_B (*batch,), about the link's origin in its axes.
 
     Error: as of `act` of an inertia.
+
+    Example:
+        >>> M_BBo_B = js.interop.brax.from_inertia(js.interop.brax.to_inertia(rod))
+        >>> print(M_BBo_B.mass, M_BBo_B.com)
+        2.0 [ 0.   0.  -0.5]
     """
     X_BI = from_transform(M.transform, precision=precision)
     return act(X_BI, SpatialInertia(M.mass, np.zeros(3, X_BI.dtype), M.i), precision=precision)
 
 
 def to_inertia(M_BBo_B: SpatialInertia) -> "base.Inertia":
-    """Makes a brax.base.Inertia (*batch,) as links have it, in the axes of the link."""
+    """Makes a brax.base.Inertia (*batch,) as links have it, in the axes of the link.
+
+    Example:
+        >>> theirs = js.interop.brax.to_inertia(rod)
+        >>> print(theirs.mass, theirs.transform.pos)
+        2.0 [ 0.   0.  -0.5]
+    """
     from brax import base
 
     transform = base.Transform.create(pos=check.as_vectors(M_BBo_B.com, "brax.to_inertia: com"))
@@ -154,6 +218,10 @@ def from_moved_inertia(M: "base.Inertia", *, precision: PrecisionName = None) ->
         M_BP_E (*batch,).
 
     Error: as of `SpatialInertia.from_dynamic_parameters`, which says what cancels.
+
+    Example:
+        >>> js.interop.brax.from_moved_inertia(js.interop.brax.to_moved_inertia(rod)).com
+        Array([ 0. ,  0. , -0.5], dtype=float32)
     """
     mass, six = check.as_float_array(M.mass, "brax.from_moved_inertia: mass"), eigen.six_of_matrix(M.i)
     pi10 = jnp.concatenate((mass.reshape((*mass.shape, 1)), M.transform.pos, six), -1)
@@ -164,6 +232,10 @@ def to_moved_inertia(M_BP_E: SpatialInertia, *, precision: PrecisionName = None)
     """Makes a brax.base.Inertia (*batch,) as it is after `Transform.do`, for `Inertia.mul`.
 
     Error: as of `SpatialInertia.to_dynamic_parameters`.
+
+    Example:
+        >>> print(js.interop.brax.to_moved_inertia(rod).transform.pos)  # 2 kg times 0.5 m
+        [ 0.  0. -1.]
     """
     from brax import base
 
@@ -203,6 +275,15 @@ def to_tau(
         KeyError: there is no such link.
 
     Error: as of `shift`, then of `dot`, for each wrench; then one sum per further wrench.
+
+    Example:
+        >>> from brax.generalized import pipeline
+        >>> from brax.io import mjcf
+        >>> body = '<body name="rod"><joint axis="0 1 0"/><geom type="capsule" size=".1" fromto="0 0 0 0 0 -1"/></body>'
+        >>> sys = mjcf.loads(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+        >>> state = pipeline.init(sys, jnp.zeros(1), jnp.zeros(1))
+        >>> print(js.interop.brax.to_tau(sys, state, {"rod": js.SpatialForce(tau=[0.0, 3.0, 0.0])}))
+        [3.]
     """
     total = jnp.zeros_like(state.qd)
     for name, F_Bo_W in wrenches.items():

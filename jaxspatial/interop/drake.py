@@ -27,6 +27,11 @@ def from_spatial_vector(x: Any) -> Any:
 
     Raises:
         TypeError: x is of another class, or not of floats.
+
+    Example:
+        >>> from pydrake.multibody.math import SpatialForce
+        >>> js.interop.drake.from_spatial_vector(SpatialForce(tau=[0, 0, 3], f=[1, 2, 0]))
+        SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
     """
     name = type(x).__name__
     if name not in _KINDS:
@@ -35,7 +40,13 @@ def from_spatial_vector(x: Any) -> Any:
 
 
 def to_spatial_vector(x: SpatialVector) -> Any:
-    """Makes pydrake's spatial vector of the same name: a single force, velocity, acceleration or momentum."""
+    """Makes pydrake's spatial vector of the same name: a single force, velocity, acceleration or momentum.
+
+    Example:
+        >>> theirs = js.interop.drake.to_spatial_vector(F)
+        >>> print(theirs.rotational(), theirs.translational())
+        [0. 0. 3.] [1. 2. 0.]
+    """
     from pydrake.multibody import math
 
     return getattr(math, type(x).__name__)(orders.single(x.to_array(), "drake.to_spatial_vector"))
@@ -52,13 +63,28 @@ def from_externally_applied(force: Any, X_WB: RigidTransform) -> SpatialForce:
         F_Bo_W, about the body's origin.
 
     Error: as of `shift`.
+
+    Example:
+        >>> from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+        >>> force = ExternallyAppliedSpatialForce()
+        >>> force.p_BoBq_B, force.F_Bq_W = [2, 0, 0], js.interop.drake.to_spatial_vector(F)
+        >>> with jax.enable_x64(True):
+        ...     js.interop.drake.from_externally_applied(force, js.RigidTransform.identity())
+        SpatialForce(tau=[0.0, 0.0, 7.0], f=[1.0, 2.0, 0.0])
     """
     F_Bq_W, p_BoBq_B = from_spatial_vector(force.F_Bq_W), np.asarray(force.p_BoBq_B)
     return F_Bq_W.shift(-(X_WB.rotation @ p_BoBq_B.astype(X_WB.dtype)))
 
 
 def to_externally_applied(body_index: Any, F_Bo_W: SpatialForce) -> Any:
-    """Makes an ExternallyAppliedSpatialForce on the body of that index, of a single wrench about the body's origin."""
+    """Makes an ExternallyAppliedSpatialForce on the body of that index, of a single wrench about the body's origin.
+
+    Example:
+        >>> from pydrake.multibody.tree import BodyIndex
+        >>> force = js.interop.drake.to_externally_applied(BodyIndex(1), F)
+        >>> print(force.body_index, force.p_BoBq_B, force.F_Bq_W.translational())
+        BodyIndex(1) [0. 0. 0.] [1. 2. 0.]
+    """
     from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 
     force: Any = ExternallyAppliedSpatialForce()
@@ -70,7 +96,13 @@ def to_externally_applied(body_index: Any, F_Bo_W: SpatialForce) -> Any:
 
 
 def from_rotation_matrix(R_AB: Any) -> Rotation:
-    """Reads pydrake's RotationMatrix, exactly."""
+    """Reads pydrake's RotationMatrix, exactly.
+
+    Example:
+        >>> from pydrake.math import RotationMatrix
+        >>> print(js.interop.drake.from_rotation_matrix(RotationMatrix.MakeZRotation(0.5)).to_matrix()[0])
+        [ 0.8776 -0.4794  0.    ]
+    """
     return Rotation.from_matrix(np.array(R_AB.matrix()))
 
 
@@ -79,6 +111,10 @@ def to_rotation_matrix(R_AB: Rotation) -> Any:
 
     From float32 it is orthogonal to float32's eps only, invalid to Drake (`IsValid`: 128 eps of float64);
     `RotationMatrix.ProjectToRotationMatrix` repairs that.
+
+    Example:
+        >>> print(js.interop.drake.to_rotation_matrix(js.Rotation.about_z(0.5)).matrix()[0])
+        [ 0.8776 -0.4794  0.    ]
     """
     from pydrake.math import RotationMatrix
 
@@ -86,12 +122,23 @@ def to_rotation_matrix(R_AB: Rotation) -> Any:
 
 
 def from_rigid_transform(X_AB: Any) -> RigidTransform:
-    """Reads pydrake's RigidTransform, m, exactly."""
+    """Reads pydrake's RigidTransform, m, exactly.
+
+    Example:
+        >>> from pydrake.math import RigidTransform
+        >>> js.interop.drake.from_rigid_transform(RigidTransform([1, 2, 3])).translation
+        array([1., 2., 3.])
+    """
     return RigidTransform(from_rotation_matrix(X_AB.rotation()), np.array(X_AB.translation()))
 
 
 def to_rigid_transform(X_AB: RigidTransform) -> Any:
-    """Makes pydrake's RigidTransform, m, its rotation as by `to_rotation_matrix`."""
+    """Makes pydrake's RigidTransform, m, its rotation as by `to_rotation_matrix`.
+
+    Example:
+        >>> print(js.interop.drake.to_rigid_transform(below).translation())
+        [ 0.  0. -1.]
+    """
     from pydrake import math
 
     R_AB = to_rotation_matrix(X_AB.rotation)
@@ -107,6 +154,12 @@ def from_inertia(M_SP_E: Any) -> SpatialInertia:
     Drake shifts G to the centre of mass. A body without mass has no inertia here, whatever its G.
 
     Error: u m |com|^2 of float64, of the shift.
+
+    Example:
+        >>> from pydrake.multibody.tree import SpatialInertia
+        >>> M_SP_E = js.interop.drake.from_inertia(SpatialInertia.ThinRodWithMassAboutEnd(2.0, 1.0, [0, 0, -1]))
+        >>> print(M_SP_E.mass, M_SP_E.com)
+        2.0 [ 0.   0.  -0.5]
     """
     mass, com = M_SP_E.get_mass(), np.array(M_SP_E.get_com())
     central = M_SP_E.get_unit_inertia().ShiftToCenterOfMass(com).CopyToFullMatrix3()
@@ -122,6 +175,11 @@ def to_inertia(M_SP_E: SpatialInertia) -> Any:
         ValueError: there is a central inertia without mass (a rotor's), which Drake cannot hold.
 
     Error: of G_SP a few u (|central| / m + |com|^2).
+
+    Example:
+        >>> theirs = js.interop.drake.to_inertia(rod)
+        >>> print(theirs.get_mass(), theirs.get_com())
+        2.0 [ 0.   0.  -0.5]
     """
     from pydrake.multibody import tree
 

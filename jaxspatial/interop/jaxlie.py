@@ -19,6 +19,11 @@ def from_so3(R_AB: "jaxlie.SO3", *, precision: PrecisionName = None) -> Rotation
     """Reads a jaxlie.SO3 (*batch,), which holds quaternions wxyz.
 
     Error: as of `Rotation.from_quaternion`.
+
+    Example:
+        >>> import jaxlie
+        >>> js.interop.jaxlie.from_so3(jaxlie.SO3.from_z_radians(0.5)).log()
+        Array([0. , 0. , 0.5], dtype=float32)
     """
     return Rotation.from_quaternion(R_AB.wxyz, precision=precision)
 
@@ -27,6 +32,10 @@ def to_so3(R_AB: Rotation, *, precision: PrecisionName = None) -> "jaxlie.SO3":
     """Makes a jaxlie.SO3 (*batch,), the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.
+
+    Example:
+        >>> print(js.interop.jaxlie.to_so3(js.Rotation.about_z(0.5)).log())
+        [0.  0.  0.5]
     """
     import jaxlie
 
@@ -37,6 +46,11 @@ def from_se3(X_AB: "jaxlie.SE3", *, precision: PrecisionName = None) -> RigidTra
     """Reads a jaxlie.SE3 (*batch,), which holds [wxyz; p_AB], m.
 
     Error: as of `Rotation.from_quaternion`.
+
+    Example:
+        >>> import jaxlie
+        >>> print(js.interop.jaxlie.from_se3(jaxlie.SE3.from_translation(jnp.array([1.0, 2.0, 3.0]))).translation)
+        [1. 2. 3.]
     """
     return orders.pose_from_wxyz_xyz(X_AB.wxyz_xyz, precision=precision)
 
@@ -45,6 +59,10 @@ def to_se3(X_AB: RigidTransform, *, precision: PrecisionName = None) -> "jaxlie.
     """Makes a jaxlie.SE3 (*batch,), m, the real part not negative.
 
     Error: as of `Rotation.to_quaternion`.
+
+    Example:
+        >>> print(js.interop.jaxlie.to_se3(below).wxyz_xyz)
+        [ 1.  0.  0.  0.  0.  0. -1.]
     """
     import jaxlie
 

@@ -211,6 +211,15 @@ def to_xfrc_applied(
         KeyError: there is no such frame, or MuJoCo has no body with the name of the body that carries it.
 
     Error: as of `applied_wrenches`, then of a rotation and of `shift`.
+
+    Example:
+        >>> import mujoco
+        >>> xml = '<body name="ball"><freejoint/><geom size=".1" pos="0 0 .5"/></body>'
+        >>> xml = f"<mujoco><worldbody>{xml}</worldbody></mujoco>"
+        >>> model, ball = mujoco.MjModel.from_xml_string(xml), js.Mechanism.from_mjcf(xml)
+        >>> push = js.SpatialForce(f=[1.0, 0.0, 0.0])  # about the origin of the body, 0.5 m below the centre of mass
+        >>> print(js.interop.mujoco.to_xfrc_applied(model, ball, ball.neutral(), {"ball": push})[1])
+        [ 1.   0.   0.   0.  -0.5  0. ]
     """
     require_kind(mechanism, Mechanism, "mujoco.to_xfrc_applied", " second")
     names = _body_names(model)
@@ -233,6 +242,14 @@ def from_xfrc_applied(model: Any, xfrc_applied: ArrayLike) -> AppliedForces:
 
     Returns:
         AppliedForces (*batch,) on all bodies but the world, each at its centre of mass `body_ipos`, in world axes.
+
+    Example:
+        >>> import mujoco
+        >>> xml = '<body name="ball"><freejoint/><geom size=".1" pos="0 0 .5"/></body>'
+        >>> model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{xml}</worldbody></mujoco>")
+        >>> forces = js.interop.mujoco.from_xfrc_applied(model, np.eye(2, 6, dtype=np.float32))
+        >>> print(forces.frames, forces.points, forces.wrenches.f)
+        ('ball',) [[0.  0.  0.5]] [[0. 1. 0.]]
     """
     six = check.as_vectors(xfrc_applied, "mujoco.from_xfrc_applied: xfrc_applied", size=6, many=["nbody"], held=True)
     if six.shape[-2] != model.nbody:
@@ -451,6 +468,12 @@ def key_frames(
         ValueError: MuJoCo does not compile the file, or the mechanism has other joints.
 
     Error: of q none, of v that of `from_qvel`.
+
+    Example:
+        >>> xml = '<worldbody><body><joint axis="0 0 1"/><geom size=".1"/></body></worldbody>'
+        >>> xml = f'<mujoco>{xml}<keyframe><key name="home" qpos="0.5"/></keyframe></mujoco>'
+        >>> js.interop.mujoco.key_frames(js.Mechanism.from_mjcf(xml), xml)["home"].q
+        array([0.5], dtype=float32)
     """
     from jaxspatial.mechanism.formats import mjcf
 

@@ -48,6 +48,14 @@ def to_body_f(
         ValueError: worlds have different bodies, or several bodies of a world have that name.
 
     Error: as of `applied_wrenches`, then of a rotation and of `shift`.
+
+    Example:
+        >>> from types import SimpleNamespace  # what is read of a newton.Model
+        >>> com = np.float32([[0, 0, -0.5], [0, 0, -0.5]])
+        >>> model = SimpleNamespace(body_label=["arm/upper", "arm/lower"], body_com=com, world_count=1)
+        >>> push = js.SpatialForce(f=[1.0, 0.0, 0.0])  # at the elbow, 0.5 m above the centre of mass
+        >>> print(js.interop.newton.to_body_f(model, arm, arm.neutral(), {"lower": push})[1])
+        [1.  0.  0.  0.  0.5 0. ]
     """
     require_kind(mechanism, Mechanism, "newton.to_body_f", " second")
     labels, centers = _bodies("newton.to_body_f", model)
@@ -75,6 +83,14 @@ def from_body_f(model: Any, body_f: Any) -> AppliedForces:
     Returns:
         AppliedForces on all bodies of a world, each at its centre of mass, in world axes, by what comes behind the last
         "/" of their labels; of a model with many worlds a batch of as many.
+
+    Example:
+        >>> from types import SimpleNamespace  # what is read of a newton.Model
+        >>> com = np.float32([[0, 0, -0.5], [0, 0, -0.5]])
+        >>> model = SimpleNamespace(body_label=["arm/upper", "arm/lower"], body_com=com, world_count=1)
+        >>> forces = js.interop.newton.from_body_f(model, np.eye(2, 6, dtype=np.float32))
+        >>> print(forces.frames, forces.wrenches.f[1])
+        ('upper', 'lower') [0. 1. 0.]
     """
     labels, centers = _bodies("newton.from_body_f", model)
     x = check.as_vectors(_array(body_f), "newton.from_body_f: body_f", size=6, many=["n"], held=True)

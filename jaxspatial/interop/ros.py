@@ -20,7 +20,13 @@ if TYPE_CHECKING:
 
 
 def from_wrench(message: "Wrench") -> SpatialForce:
-    """Reads a geometry_msgs/Wrench, N, N m, as float64: F_Fo_F, with F the frame that the header beside it names."""
+    """Reads a geometry_msgs/Wrench, N, N m, as float64: F_Fo_F, with F the frame that the header beside it names.
+
+    Example:
+        >>> from geometry_msgs.msg import Vector3, Wrench
+        >>> js.interop.ros.from_wrench(Wrench(force=Vector3(x=1.0, y=2.0, z=0.0), torque=Vector3(x=0.0, y=0.0, z=3.0)))
+        SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
+    """
     six = [part for x in (message.force, message.torque) for part in (x.x, x.y, x.z)]
     return orders.from_linear_first(SpatialForce, np.array(six, np.float64))
 
@@ -31,6 +37,11 @@ def to_wrench(F_Fo_F: SpatialForce) -> "Wrench":
 
     Raises:
         ValueError: the wrench is a batch.
+
+    Example:
+        >>> message = js.interop.ros.to_wrench(F)
+        >>> print(message.force.y, message.torque.z)
+        2.0 3.0
     """
     from geometry_msgs.msg import Vector3, Wrench
 

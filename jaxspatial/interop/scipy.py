@@ -23,6 +23,12 @@ def from_rotation(R_AB: "transform.Rotation", *, precision: PrecisionName = None
     """Reads a scipy.spatial.transform.Rotation (*batch,), which holds quaternions xyzw: v_A = R_AB.apply(v_B).
 
     Error: as of `Rotation.from_quaternion`.
+
+    Example:
+        >>> from scipy.spatial import transform
+        >>> with jax.enable_x64(True):
+        ...     js.interop.scipy.from_rotation(transform.Rotation.from_rotvec([0.0, 0.0, 0.5])).log()
+        Array([0. , 0. , 0.5], dtype=float64)
     """
     return Rotation.from_quaternion(orders.quaternion_from_xyzw(R_AB.as_quat()), precision=precision)
 
@@ -31,6 +37,10 @@ def to_rotation(R_AB: Rotation, *, precision: PrecisionName = None) -> "transfor
     """Makes a scipy.spatial.transform.Rotation (*batch,); SciPy before 1.17 takes at most one axis.
 
     Error: as of `Rotation.to_quaternion`.
+
+    Example:
+        >>> print(js.interop.scipy.to_rotation(js.Rotation.about_z(0.5)).as_euler("xyz", degrees=True))
+        [ 0.      0.     28.6479]
     """
     from scipy.spatial import transform
 
@@ -41,6 +51,12 @@ def from_rigid_transform(X_AB: "transform.RigidTransform", *, precision: Precisi
     """Reads a scipy.spatial.transform.RigidTransform (*batch,) of SciPy 1.16, m: p_A = X_AB.apply(p_B).
 
     Error: as of `Rotation.from_quaternion`.
+
+    Example:
+        >>> from scipy.spatial import transform
+        >>> with jax.enable_x64(True):
+        ...     js.interop.scipy.from_rigid_transform(transform.RigidTransform.from_translation([1, 2, 3])).translation
+        array([1., 2., 3.])
     """
     return RigidTransform(from_rotation(X_AB.rotation, precision=precision), np.array(X_AB.translation))
 
@@ -49,6 +65,10 @@ def to_rigid_transform(X_AB: RigidTransform, *, precision: PrecisionName = None)
     """Makes a scipy.spatial.transform.RigidTransform (*batch,) of SciPy 1.16, m.
 
     Error: as of `Rotation.to_quaternion`.
+
+    Example:
+        >>> print(js.interop.scipy.to_rigid_transform(below).apply([1.0, 0.0, 0.0]))
+        [ 1.  0. -1.]
     """
     from scipy.spatial import transform
 
