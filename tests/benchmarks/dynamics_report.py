@@ -40,7 +40,7 @@ def lines(results, shapes, left_out, machine):
     """The whole report, in Markdown."""
     yield "One core, everything in one process and in turns, after warm-up; `jax.jit(jax.vmap(...))`, results waited"
     yield "for. Default precision, known numbers folded. Times are medians of microseconds per state (10 % to 90 % of"
-    yield "the rounds); ratios are medians over the rounds of the ratio within a round. The memory of results stays with"
+    yield "the rounds); ratios are medians over the rounds of the ratio within a round. Memory of results stays with"
     yield "the process (see the page on layouts), as the sides in C++ keep theirs. Measured by `dynamics.py`.\n"
     yield machine
     for result in results:
