@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxspatial as js
 from tests.helpers.notebooks import as_a_reader, begun, last_numbers, soon
 from tests.helpers.optional import needs
 
@@ -24,6 +25,9 @@ def _holds(numbers):
     assert numbers["tilt_by_99_percent"] < 10 and numbers["tilt_by_101_percent"] > 80
     assert 25 < numbers["push"] < 28
     assert numbers["error_of_gradient"] < 1e-4
+    assert 0.05 < numbers["rise_that_tips"] < 0.09
+    assert max(numbers["tilts_of_the_level"]) < 3
+    assert 0.4 < numbers["share_on_front_paws"] < 0.5
 
 
 def test_fifteen_lines_and_the_step():
@@ -31,10 +35,19 @@ def test_fifteen_lines_and_the_step():
     printed, names = begun("04_a_simulator", "## Many environments", environments=2)
     height, *down = map(float, re.findall(r"\d+\.\d*", printed.split("height of the trunk")[1].splitlines()[0]))
     assert 0.25 < height < 0.35 and len(down) == 4 and min(down) > 0.5
+    _explicit_damping_is_as_told(names["dog"], names["stand"])
     env = names["Environment"](jnp.ones(13, np.float32), jnp.full(4, 0.5, np.float32))
     state = names["State"](jnp.zeros(19, np.float32), jnp.zeros(18, np.float32))
     after = jax.eval_shape(names["step"], env, state, jnp.zeros(3, np.float32))
     assert jax.tree.map(lambda x: x.shape, after) == names["State"]((19,), (18,))
+
+
+def _explicit_damping_is_as_told(dog, stand):
+    """What a step makes of the speed of the lightest leg, with damping in tau: times 1 - dt c / inertia."""
+    M = np.float64(js.mass_matrix(dog, np.float32([1, 0, 0, 0, 0, 0, 0.4, *stand])))
+    mobility = np.linalg.eigvalsh(np.linalg.inv(M)[6:, 6:]).max()  # of the joints, with the trunk in the air
+    assert abs(2 / (5e-3 * mobility) - 1.3) < 0.05  # N m s at which it turns around
+    assert abs(5e-3 * 2.0 * mobility - 1 - 2.2) < 0.05
 
 
 @pytest.mark.slow

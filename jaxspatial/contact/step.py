@@ -124,7 +124,8 @@ def convex_step(
         mechanism: the mechanism, see `Mechanism`.
         q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) generalized velocities: rad/s, m/s.
-        tau: (*batch, nv) generalized forces of the joints: N m, N.
+        tau: (*batch, nv) generalized forces of the joints, as they are at the start: N m, N. Damping c in tau is stable
+            while dt c is below twice the inertia of what the joint moves; damping of joints is for any c.
         dt: the time, s: a number or (*batch,).
         external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
             axes; or a list of several of these, which add up. See `AppliedForces`.
@@ -145,7 +146,7 @@ def convex_step(
         precision: name of a precision; None takes the default.
 
     Returns:
-        ConvexStep over the common batch.
+        ConvexStep over the common batch; NaN where something turns in a step by so much that u of it is a turn.
 
     Raises:
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while

@@ -112,3 +112,51 @@ def test_sixteen_bits_and_other_dtypes():
     np.testing.assert_allclose(v_after, expected[0], rtol=0, atol=0.05)
     with pytest.raises(TypeError, match="q and ground: expected one dtype"):
         js.convex_step(mech, q, v, nothing, dt, contacts=contacts, ground=field.astype(np.float32))
+
+
+RUN, RISE, MASS, K = 0.5, 0.2, 8.0, 2e4  # m, m, kg, N/m
+
+
+def strutter():
+    """A trunk on four struts, which stand 0.3 m before and behind its centre; their damping is that of the joints."""
+    trunk = js.SpatialInertia.solid_box(np.array([0.6, 0.3, 0.1]), mass=np.float64(MASS - 1))
+    foot = js.SpatialInertia.solid_sphere(np.float64(0.02), mass=np.float64(0.25))
+    bodies, joints = [js.Body("trunk", trunk)], [js.Joint("root", "free", "world", "trunk")]
+    for i, (x, y) in enumerate([(0.3, 0.15), (0.3, -0.15), (-0.3, 0.15), (-0.3, -0.15)]):
+        X = js.RigidTransform(js.Rotation.identity((), np.float64), np.array([x, y, 0.0]))
+        bodies.append(js.Body(f"foot {i}", foot))
+        joints.append(js.Joint(f"strut {i}", "prismatic", "trunk", f"foot {i}", X, axis=(0, 0, -1), damping=100.0))
+    return js.Mechanism.build(bodies, joints)
+
+
+def test_a_robot_astride_a_riser_comes_to_rest_on_two_treads():
+    """Its feet are f / k deep in the treads, and carry its weight. Of a state that turns by more than 1 / u rad in a
+    step there is none, as `convex_step` says; its neighbour in the batch does not mind."""
+    with jax.enable_x64(True):
+        mech, stairs = strutter(), js.Stairs(2, np.float64(RUN), np.float64(RISE))
+        law = {"stiffness": np.float64(K), "relaxation_time": np.float64(0.02), "friction": np.float64(0.8)}
+        feet = js.PointContacts([f"foot {i}" for i in range(4)], None, np.float64(0.02), **law)
+        hold = 0.3 + np.array([-RISE, -RISE, RISE, RISE]) / 2  # the front struts are shorter
+
+        @jax.jit
+        @jax.vmap
+        def settled(q, v):
+            def one(state, _):
+                tau = jnp.append(jnp.zeros(6), 2e3 * (hold - state[0][7:]))
+                after = js.convex_step(mech, *state, tau, 1e-2, contacts=feet, ground=stairs)
+                return (after.q, after.v), after.contact_forces.f
+
+            (q, v), f = jax.lax.scan(one, (q, v), length=200)
+            return q, v, f[-1], js.forward_kinematics(mech, q, feet.frames).translation
+
+        q = np.array([1, 0, 0, 0, RUN, 0, 0.35 + 1.5 * RISE, *hold])
+        v = np.zeros((2, mech.nv))
+        v[1, 0] = 1e18 / 1e-2
+        q, v, f, p = map(np.asarray, settled(np.stack([q, q]), v))
+        assert np.isnan(q[1, :7]).any()
+        q, v, f, p = q[0], v[0], f[0], p[0]
+        assert abs(v).max() < 1e-4 and abs(q[1:4]).max() < 1e-3
+        np.testing.assert_allclose(f.sum(0), [0, 0, 9.81 * MASS], rtol=0, atol=1e-4 * 9.81 * MASS)
+        treads = RISE * np.array([2, 2, 1, 1])
+        np.testing.assert_allclose(p[:, 2], treads + 0.02 - f[:, 2] / K, rtol=0, atol=1e-6)
+        assert f[:, 2].min() > 0.2 * 9.81 * MASS  # each carries about a quarter
