@@ -19,6 +19,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from scipy.ndimage import gaussian_filter
 
 from jaxspatial._drawing import BODY, FORCE, GROUND, INERTIA, JOINT, TORQUE, XYZ, meshes, spheres, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
@@ -31,13 +32,16 @@ from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import RigidTransform, SpatialForce, central_axis
 
 try:
-    from matplotlib import pyplot
+    from matplotlib import patheffects, pyplot
+    from matplotlib.artist import Artist
     from matplotlib.colors import to_rgb
     from matplotlib.figure import Figure
+    from matplotlib.image import BboxImage
     from matplotlib.patches import FancyArrowPatch
     from matplotlib.ticker import MaxNLocator, MultipleLocator
+    from matplotlib.transforms import Bbox, ScaledTranslation
     from mpl_toolkits.mplot3d import Axes3D, proj3d
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection, Text3D
 except ImportError as error:
     raise ImportError("jaxspatial.plot: needs the package matplotlib: from a clone, pip install '.[plot]'") from error
 
@@ -54,8 +58,9 @@ _ZOOM = 0.85
 _GROUND, _SQUARES, _CELLS = 1.3, 6, 24
 # The length of a head of matplotlib's arrow style, over its scale.
 _HEAD = 0.4
-# To the light.
+# To the light; pixels of meshes for one of the picture, along each side.
 _LIGHT = np.array([0.35, -0.45, 0.82])
+_FINE = 2
 # An arc has a gap, so that one sees which way it turns.
 _TURN = np.linspace(0.0, np.deg2rad(290.0), 60)
 
@@ -101,7 +106,7 @@ def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) 
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((0, 0, 0, 0))
         axis.line.set_color(GROUND)
-        axis.labelpad = 8
+        axis.labelpad = 12
     ax.tick_params(labelsize="small")
     _OWN.add(ax)
     return ax
@@ -133,7 +138,8 @@ def mechanism(
         ground: HalfSpace, drawn as a part of its plane, or a function from a point (3,) to its signed distance, drawn
             in a cube about the point of it next to the robot; None for none.
         shapes: path of the URDF file whose visual meshes are drawn in place of lines and dots, in the colours of the
-            file; 100 000 triangles take some seconds. It needs the extra `view`. None draws lines and dots.
+            file, with their shadow where the ground is a plane; 100 000 triangles take a second or two. It needs the
+            extra `view`. None draws lines and dots.
         contacts: PointContacts, whose centres are drawn as rings; None for none.
         color: of the bodies.
 
@@ -152,7 +158,8 @@ def mechanism(
         raise TypeError(f"plot.mechanism: frames: expected a sequence of names, got {frames!r}")
     X_WF = _frames(mech, X_WJ)
     if shapes is not None:
-        _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes))
+        plane = ground if isinstance(ground, HalfSpace) else None
+        _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes), plane)
     else:
         _sticks(ax, mech, X_WJ, X_WF, color, has_tips=frames is None)
     numbers = [mech.topology.index(mech.frame_names, name, "plot.mechanism: frames") for name in frames or ()]
@@ -179,7 +186,13 @@ def mechanism(
 
 
 def torques(
-    mech: Mechanism, q: ArrayLike, tau: ArrayLike, ax: Axes3D | None = None, *, scale: Scales | None = None
+    mech: Mechanism,
+    q: ArrayLike,
+    tau: ArrayLike,
+    ax: Axes3D | None = None,
+    *,
+    scale: Scales | None = None,
+    numbers: bool = False,
 ) -> Axes3D:
     """Draws the forces of joints: torques as arcs about the axes of hinges, forces as arrows along those of slides.
 
@@ -193,6 +206,7 @@ def torques(
         tau: (nv,) generalized forces: N m, N.
         ax: 3-D axes; None makes new ones.
         scale: as of `wrench`.
+        numbers: whether to write the amount beside each, in two digits: "33 N m".
 
     Returns:
         The axes, with the lines and arrows that `wrench` draws.
@@ -207,9 +221,8 @@ def torques(
     single = [i for i in range(len(t)) if t.kind(i).nv == 1 and t.kind(i).is_about_one_axis and not t.is_mimic(i)]
     along = np.einsum("nij,nj->ni", X_WJ.R, _numbers(mech.axes))[single] * given[[t.v_starts[i] for i in single], None]
     slides = np.array([t.kind(i).moves_as == "prismatic" for i in single], bool)[:, None]
-    return _draw_wrenches(
-        "plot.torques", ax, np.where(slides, 0, along), np.where(slides, along, 0), X_WJ.p[single], scale
-    )
+    tau, f = np.where(slides, 0, along), np.where(slides, along, 0)
+    return _draw_wrenches("plot.torques", ax, tau, f, X_WJ.p[single], scale, _amounts(tau, f) if numbers else "")
 
 
 def frame(X_WF: RigidTransform, ax: Axes3D | None = None, *, length: float | None = None, name: str = "") -> Axes3D:
@@ -287,7 +300,13 @@ def wrench(
 
 
 def forces(
-    mech: Mechanism, q: ArrayLike, given: ExternalForces, ax: Axes3D | None = None, *, scale: Scales | None = None
+    mech: Mechanism,
+    q: ArrayLike,
+    given: ExternalForces,
+    ax: Axes3D | None = None,
+    *,
+    scale: Scales | None = None,
+    numbers: bool = False,
 ) -> Axes3D:
     """Draws external forces where they act, such as those of contacts.
 
@@ -300,6 +319,7 @@ def forces(
             these, of one state: N m, N.
         ax: 3-D axes; None makes new ones.
         scale: as of `wrench`.
+        numbers: as of `torques`; of a wrench with a force, that of the force.
 
     Returns:
         The axes, with the lines and arrows that `wrench` draws.
@@ -315,7 +335,8 @@ def forces(
     placed = wrenches("plot.forces", mech, state[None], given)
     if placed is None:
         return _fit(ax)
-    return _draw_wrenches("plot.forces", ax, placed.tau[0], placed.f[0], placed.p[0], scale)
+    tau, f = placed.tau[0], placed.f[0]
+    return _draw_wrenches("plot.forces", ax, tau, f, placed.p[0], scale, _amounts(tau, f) if numbers else "")
 
 
 def scales(ax: Axes3D) -> Scales:
@@ -553,8 +574,36 @@ def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, ha: st
     if not text:
         return []
     x, y, z = p
-    look: Any = {"color": color or pyplot.rcParams["text.color"], "fontsize": "small", "zorder": _FRAME}
-    return [ax.text(x, y, z, f"  {text}" if ha == "left" else text, ha=ha, va="center", **look)]
+    return [ax.text(x, y, z, f"  {text}" if ha == "left" else text, ha=ha, va="center", **_ink(color))]
+
+
+def _ink(color: str | None) -> dict[str, Any]:
+    """Of texts, which can be read in front of robots."""
+    halo = patheffects.withStroke(linewidth=2.5, foreground=pyplot.rcParams["figure.facecolor"])
+    look = {"color": color or pyplot.rcParams["text.color"], "fontsize": "small", "zorder": _FRAME + 1}
+    return {**look, "path_effects": [halo]}
+
+
+class _Beside(Text3D):
+    """A text beside a point of space, `rim`, on the side of it that is away from another point."""
+
+    def __init__(self, middle: np.ndarray, rim: np.ndarray, text: str, **style: Any):
+        look: Any = {"zdir": None, "ha": "center", "va": "center", **style}  # it lies along no axis
+        super().__init__(rim[0], rim[1], rim[2], text, **look)
+        self._ends = np.stack([middle, rim])
+
+    def draw(self, renderer: Any) -> None:
+        """Places the text on paper; axes call it."""
+        ax: Any = self.axes
+        xs, ys, zs = self._ends.T
+        x, y, _ = proj3d.proj_transform(xs, ys, zs, ax.get_proj())
+        away = np.diff(ax.transData.transform(np.stack([x, y], -1)), axis=0)[0]
+        away = away / max(np.hypot(*away), 1e-9)
+        # Half its width and height, in points; it ends where its frame does.
+        half = self.get_fontsize() * np.array([0.32 * len(self.get_text()), 0.6])
+        away = away * (4 + (half / np.maximum(abs(away), 1e-9)).min()) / 72
+        self.set_transform(ax.transData + ScaledTranslation(away[0], away[1], ax.figure.dpi_scale_trans))
+        super().draw(renderer)
 
 
 def _sticks(ax: Axes3D, mech: Mechanism, X_WJ: _Poses, X_WF: _Poses, color: str, has_tips: bool) -> None:
@@ -569,24 +618,118 @@ def _sticks(ax: Axes3D, mech: Mechanism, X_WJ: _Poses, X_WF: _Poses, color: str,
     ax.plot(*X_WJ.p.T, linestyle="", marker="o", markersize=6, color=JOINT, zorder=_JOINT, gid="joints")
 
 
-def _solids(ax: Axes3D, mech: Mechanism, q: ArrayLike, found: dict[str, list[Any]]) -> None:
-    """Meshes by link as triangles, lighter where they face up and left; all in one, so that what is nearer covers."""
+def _solids(
+    ax: Axes3D, mech: Mechanism, q: ArrayLike, found: dict[str, list[Any]], ground: HalfSpace | None = None
+) -> None:
+    """Meshes by link, and their shadow on the ground."""
     links = [(k, mesh) for k, several in enumerate(found.values()) for mesh in several]
     if not links:
         return
     X_WL = _state_poses(mech, q, list(found))
-    triangles, colors = [], []
-    for k, mesh in links:
-        corners = np.asarray(mesh.triangles, float) @ X_WL.R[k].T + X_WL.p[k]
-        normals = np.asarray(mesh.face_normals, float) @ X_WL.R[k].T
-        color = np.asarray(mesh.visual.main_color if hasattr(mesh.visual, "main_color") else
-                           mesh.visual.material.main_color, float)[:3] / 255  # fmt: skip
-        shade = 0.55 + 0.45 * np.clip(normals @ _LIGHT, 0, 1)
-        triangles.append(corners)
-        colors.append(np.clip(shade[:, None] * (0.15 + 0.85 * color), 0, 1))
-    look: Any = {"facecolors": np.concatenate(colors), "edgecolors": "none", "linewidths": 0, "antialiased": False}
-    ax.add_collection3d(Poly3DCollection(np.concatenate(triangles), zorder=_BODY, gid="shapes", **look))
-    _include(ax, np.concatenate(triangles))
+    parts = [
+        (np.asarray(mesh.triangles, float) @ X_WL.R[k].T + X_WL.p[k], _shades(mesh, X_WL.R[k])) for k, mesh in links
+    ]
+    corners, colors = (np.concatenate(x) for x in zip(*parts, strict=True))
+    shadow = None
+    if ground is not None:
+        normal = _numbers(ground.normal) / np.linalg.norm(ground.normal)
+        above = np.maximum(corners @ normal - float(ground.offset), 0)
+        shadow = corners - above[..., None] / max(normal @ _LIGHT, 0.2) * _LIGHT
+    ax.add_artist(_Meshes(corners, colors, shadow, zorder=_BODY, gid="shapes"))
+    _include(ax, corners)
+
+
+def _shades(mesh: Any, R_WL: np.ndarray) -> np.ndarray:
+    """Colours (n, 3, 3) of the corners of triangles: lighter where they face the light or the sky."""
+    look = mesh.visual
+    color = np.asarray(look.main_color if hasattr(look, "main_color") else look.material.main_color, float)[:3] / 255
+    of_faces = np.broadcast_to(np.asarray(mesh.face_normals, float)[:, None], (len(mesh.faces), 3, 3))
+    normals = np.asarray(mesh.vertex_normals, float)[mesh.faces]
+    # A mean over the faces at a corner is smooth, but no edge of a box is.
+    is_smooth = (normals * of_faces).sum(-1, keepdims=True) > 0.8
+    normals = np.where(is_smooth, normals, of_faces) @ R_WL.T
+    shade = 0.5 + 0.4 * np.clip(normals @ (_LIGHT / np.linalg.norm(_LIGHT)), 0, 1) + 0.12 * (1 + normals[..., 2]) / 2
+    return np.clip(shade[..., None] * (0.12 + 0.86 * color), 0, 1)
+
+
+class _Meshes(Artist):
+    """Triangles of space, drawn as one image: what is nearer covers, and edges are smooth in it.
+
+    corners, colors: (n, 3, 3) positions, m, and colours of their corners.
+    shadow: (n, 3, 3) where the corners throw it; None for none.
+    """
+
+    def __init__(self, corners: np.ndarray, colors: np.ndarray, shadow: np.ndarray | None = None, **style: Any):
+        super().__init__()
+        self.corners, self.colors, self.shadow = corners, colors, shadow
+        self.update(style)
+
+    def _projected(self, corners: np.ndarray) -> np.ndarray:
+        """(n, 3, 3) pixels from the left and from below, and the depth."""
+        ax: Any = self.axes
+        xs, ys, zs = corners.reshape(-1, 3).T
+        x, y, depth = proj3d.proj_transform(xs, ys, zs, ax.get_proj())
+        pixels = ax.transData.transform(np.stack([x, y], -1))
+        return np.column_stack([pixels, depth]).reshape(corners.shape)
+
+    def get_window_extent(self, renderer: Any = None) -> Bbox:
+        """What it covers, in pixels."""
+        p = self._projected(self.corners)
+        return Bbox([p[..., :2].min((0, 1)), p[..., :2].max((0, 1))])
+
+    def draw(self, renderer: Any) -> None:
+        """Draws the image; axes call it."""
+        if not self.get_visible():
+            return
+        axes: Any = self.axes
+        width, height = (int(np.ceil(x)) for x in axes.figure.bbox.size)
+        # Of pictures in vectors a pixel is a point, which is too coarse.
+        fine = _FINE * int(np.ceil(renderer.get_image_magnification()))
+        shape = height * fine, width * fine
+        solid, p = np.zeros((*shape, 4)), self._projected(self.corners)
+        u, v = p[:, 1, :2] - p[:, 0, :2], p[:, 2, :2] - p[:, 0, :2]
+        faces = u[:, 0] * v[:, 1] > u[:, 1] * v[:, 0]  # the viewer
+        y, x, rest = _samples(np.concatenate([p, self.colors], -1)[faces], fine, shape)
+        # What is nearer comes later, and stays.
+        order = np.argsort(-rest[:, 0])
+        solid[y[order], x[order], :3], solid[y, x, 3] = rest[order, 1:], 1
+        image = np.zeros((height, width, 4))
+        if self.shadow is not None:
+            dark = np.zeros(shape)
+            y, x, _ = _samples(self._projected(self.shadow), fine, shape)
+            dark[y, x] = 1
+            image[..., 3] = 0.28 * gaussian_filter(_mean(dark[..., None], fine)[..., 0], 0.1 * axes.figure.dpi)
+        solid = _mean(solid, fine)
+        # The solid over its shadow, which is black; then with colours that are not multiplied by their opacity.
+        image = solid + (1 - solid[..., 3:]) * image
+        image[..., :3] /= np.maximum(image[..., 3:], 1e-9)
+        picture = BboxImage(Bbox.from_bounds(0, 0, width, height), origin="lower", interpolation="nearest")
+        picture.set_data((255 * np.clip(image, 0, 1)).astype(np.uint8))
+        picture.set_figure(axes.figure)
+        picture.draw(renderer)
+
+
+def _samples(corners: np.ndarray, fine: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(rows, columns, the other numbers (m, ...)) of points less than a pixel apart on triangles (n, 3, 2 + ...)."""
+    corners = np.concatenate([fine * corners[..., :2], corners[..., 2:]], -1)
+    longest = np.linalg.norm((corners - np.roll(corners, 1, axis=1))[..., :2], axis=-1).max(1)
+    parts = np.ceil(longest / 0.7).clip(1, 4 * max(shape)).astype(int)
+    found = [np.zeros((0, corners.shape[-1]))]
+    for n in np.unique(parts):
+        # Middles of small triangles, for a triangle smaller than a step its own.
+        i, j = np.meshgrid(np.arange(n), np.arange(n))
+        at = (np.stack([i, j, n - 1 - i - j], -1)[i + j < n] + 1 / 3) / n
+        found.append(np.einsum("sk,nkx->nsx", at, corners[parts == n]).reshape(-1, corners.shape[-1]))
+    points = np.concatenate(found)
+    x, y = np.floor(points[:, :2]).astype(int).T
+    inside = (0 <= x) & (x < shape[1]) & (0 <= y) & (y < shape[0])
+    return y[inside], x[inside], points[inside, 2:]
+
+
+def _mean(image: np.ndarray, fine: int) -> np.ndarray:
+    """Over squares of fine x fine pixels."""
+    height, width, n = image.shape
+    return image.reshape(height // fine, fine, width // fine, fine, n).mean((1, 3))
 
 
 def _triad(ax: Axes3D, R: np.ndarray, p: np.ndarray, length: float, name: str) -> None:
@@ -672,10 +815,18 @@ class _Wrenches:
                 self.artists += [_arrow(ax, p, p + force, FORCE, "force"), *_text(ax, p + force, name, FORCE)]
             if radius >= least:
                 self.artists += _arc(ax, torque / radius, p, radius)
-                above = p + radius * _across(torque / radius)[0]
-                self.artists += [] if is_seen else _text(ax, above, name, TORQUE)
+                if name and not is_seen:
+                    away = self._away(p, torque / radius)
+                    self.artists.append(ax.add_artist(_Beside(p, p + radius * away, name, **_ink(TORQUE))))
         if self.has_bars:
             self.draw_bars(ax)
+
+    def _away(self, p: np.ndarray, normal: np.ndarray) -> np.ndarray:
+        """The direction in the plane of an arc that leads away from the middle of the scene, of unit length."""
+        away = p - np.mean([*self.scene, *(p for *_, p, _ in self.wrenches)], axis=0)
+        away = away - (normal @ away) * normal
+        length = np.linalg.norm(away)
+        return away / length if length > _LEAST * self.size else _across(normal)[0]
 
     def draw_bars(self, ax: Axes3D) -> None:
         """An arrow up and an arc about its foot, at the corner of the scene that is on the left of the picture."""
@@ -691,6 +842,12 @@ class _Wrenches:
             self.artists += [*_arc(ax, up, corner, radius), *_text(ax, beside, f"{number:g} N m", TORQUE, ha="center")]
 
 
+def _amounts(tau: np.ndarray, f: np.ndarray) -> list[str]:
+    """What is written beside wrenches (n, 3), two digits: of the force, or of the torque where there is none."""
+    sizes = zip(*(np.linalg.norm(x, axis=-1) for x in (f, tau)), strict=True)
+    return [f"{float(f'{a or b:.2g}'):g} {'N' if a else 'N m'}" for a, b in sizes]
+
+
 def _round_below(x: float) -> float:
     """The largest of 1, 2, 5, 10, ... that is not above x."""
     power = 10.0 ** np.floor(np.log10(x))
@@ -701,7 +858,13 @@ _WRENCHES: "weakref.WeakKeyDictionary[Axes3D, _Wrenches]" = weakref.WeakKeyDicti
 
 
 def _draw_wrenches(
-    operation: str, ax: Axes3D, tau: np.ndarray, f: np.ndarray, points: np.ndarray, scale: Scales | None, name: str = ""
+    operation: str,
+    ax: Axes3D,
+    tau: np.ndarray,
+    f: np.ndarray,
+    points: np.ndarray,
+    scale: Scales | None,
+    names: str | list[str] = "",
 ) -> Axes3D:
     if not all(np.isfinite(x).all() for x in (tau, f, points)):
         raise ValueError(f"{operation}: expected finite numbers, got torques {tau}, forces {f}, points {points}")
@@ -714,7 +877,8 @@ def _draw_wrenches(
     drawn.given = Scales(
         *(old if new is None else new for old, new in zip(drawn.given, scale or Scales(), strict=True))
     )
-    drawn.wrenches += [(*wrench, name) for wrench in zip(tau, f, points, strict=True)]
+    names = [names] * len(f) if isinstance(names, str) else names
+    drawn.wrenches += list(zip(tau, f, points, names, strict=True))
     if drawn.wrenches:
         _include(ax, points)
         drawn.draw(ax)

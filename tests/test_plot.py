@@ -381,20 +381,82 @@ _BOX = """<robot name="box"><link name="base"/><link name="box">
 <origin xyz="0 0 1"/></joint></robot>"""
 
 
+def with_shapes(tmp_path, text, q, ground=None):
+    (tmp_path / "box.urdf").write_text(text)
+    mech = js.Mechanism.from_urdf(text, dtype=FLOAT)
+    return plot.mechanism(mech, FLOAT([q]), shapes=tmp_path / "box.urdf", ground=ground)
+
+
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_shapes_take_the_place_of_lines(tmp_path, monkeypatch):
+def test_shapes_take_the_place_of_lines(tmp_path):
     pytest.importorskip("yourdfpy")
-    drawn, collection = [], plot.Poly3DCollection  # which has no public way to its triangles
-    monkeypatch.setattr(plot, "Poly3DCollection", lambda x, **look: drawn.append(x) or collection(x, **look))
-    (tmp_path / "box.urdf").write_text(_BOX)
-    mech = js.Mechanism.from_urdf(_BOX, dtype=FLOAT)
-    ax = plot.mechanism(mech, FLOAT([np.pi / 2]), shapes=tmp_path / "box.urdf")  # z of the link along x
-    (solid,) = (found for found in ax.collections if found.get_gid() == "shapes")
-    np.testing.assert_allclose(drawn[0].min((0, 1)), [0, -0.1, 0.95], atol=1e-6)
-    np.testing.assert_allclose(drawn[0].max((0, 1)), [0.5, 0.1, 1.05], atol=1e-6)
-    assert not named(ax, "joints") and len(solid.get_facecolor()) == 12
+    ax = with_shapes(tmp_path, _BOX, np.pi / 2)  # z of the link along x
+    (solid,) = (found for found in ax.artists if found.get_gid() == "shapes")
+    np.testing.assert_allclose(solid.corners.min((0, 1)), [0, -0.1, 0.95], atol=1e-6)
+    np.testing.assert_allclose(solid.corners.max((0, 1)), [0.5, 0.1, 1.05], atol=1e-6)
+    assert not named(ax, "joints") and len(solid.corners) == 12
     with pytest.raises(FileNotFoundError, match="plot.mechanism: shapes: there is no file"):
-        plot.mechanism(mech, FLOAT([0]), shapes=tmp_path / "none.urdf")
+        plot.mechanism(js.Mechanism.from_urdf(_BOX), FLOAT([0]), shapes=tmp_path / "none.urdf")
+
+
+def painted(ax):
+    """(the colours of a picture, row by row from below; the row and the column of a point of space)."""
+    ax.figure.canvas.draw()
+    image = np.asarray(ax.figure.canvas.buffer_rgba())[::-1, :, :3] / 255
+
+    def at(p):
+        x, y, _ = plot.proj3d.proj_transform(*p, ax.get_proj())
+        return tuple(ax.transData.transform((x, y)).astype(int)[::-1])
+
+    return image, at
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("elevation", [90, -90])
+def test_what_is_nearer_covers(tmp_path, elevation):
+    """A wide red box above a small blue one, from above and from below; edges keep flat faces flat."""
+    pytest.importorskip("yourdfpy")
+    look = '<material name="{0}"><color rgba="{1}"/></material></visual>'
+    red = '<visual><origin xyz="0 0 1"/><geometry><box size="1 1 0.1"/></geometry>' + look.format("red", "1 0 0 1")
+    blue = '<visual><geometry><box size="0.4 0.4 0.1"/></geometry>' + look.format("blue", "0 0 1 1")
+    text = re.sub("<visual>.*</visual>", red + blue, _BOX.replace("\n", ""))
+    ax = with_shapes(tmp_path, text, 0)
+    ax.view_init(elevation, 0)
+    image, at = painted(ax)
+    middle, beside = image[at((0, 0, 1))], image[at((0.4, 0.4, 2 if elevation > 0 else 1))]
+    assert np.argmax(middle) == (0 if elevation > 0 else 2) and np.ptp(middle) > 0.4
+    assert np.argmax(beside) == 0 and np.ptp(beside) > 0.4
+    assert elevation < 0 or abs(middle - image[at((0.3, -0.3, 2))]).max() < 0.01
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+def test_shapes_throw_a_shadow_on_a_plane(tmp_path):
+    """The light comes from x and from -y."""
+    pytest.importorskip("yourdfpy")
+    ground = js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(1.0))
+    at_ground, away = (-0.05, 0.14, 1.0), (0.4, -0.4, 1.0)
+    ax = with_shapes(tmp_path, _BOX, 0, ground)
+    (solid,) = (found for found in ax.artists if found.get_gid() == "shapes")
+    np.testing.assert_allclose(solid.shadow[..., 2], 1, atol=1e-6)
+    next(x for x in ax.collections if x.get_gid() == "ground").remove()
+    ax.set_axis_off()
+    ax.view_init(60, -90)
+    image, at = painted(ax)
+    assert image[at(at_ground)].max() < 0.85 and image[at(away)].min() > 0.99
+
+
+def test_amounts_stand_beside_torques():
+    """In two digits, with their units, and clear of their arcs: a text is moved on paper as far as it is long."""
+    mech = arm()
+    tau = FLOAT([33.3, -1234.0, -12.4])
+    ax = plot.torques(mech, Q, tau, plot.mechanism(mech, Q), numbers=True)
+    texts = list(ax.texts)
+    assert [text.get_text().strip() for text in texts] == ["33 N m", "1200 N", "12 N m"]
+    up = {"grip": js.SpatialForce(f=FLOAT([0, 0, 4]))}
+    assert plot.forces(mech, Q, up, numbers=True).texts[0].get_text().strip() == "4 N"
+    _, at = painted(ax)
+    for text, arc in zip([texts[0], texts[2]], named(ax, "torque"), strict=True):
+        assert not any(text.get_window_extent().contains(*at(p)[::-1]) for p in arc)
 
 
 def test_scale_bars_have_round_numbers_and_the_scale_of_all_arrows():
