@@ -1,4 +1,5 @@
-"""Distances between shapes, and their closest points: spheres, capsules, boxes, and half spaces under them."""
+"""Distances between shapes, and their closest points: spheres, capsules, boxes, cylinders, and half spaces under
+them."""
 
 import functools
 import itertools
@@ -8,8 +9,20 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
-from jaxspatial.mechanism.shapes import Box, Capsule, HalfSpace, Shape, Sphere, clipped, direction_or, local
+from jaxspatial.mechanism.shapes import (
+    Box,
+    Capsule,
+    Cylinder,
+    HalfSpace,
+    Shape,
+    Sphere,
+    clipped,
+    direction,
+    direction_or,
+    local,
+)
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
@@ -45,10 +58,11 @@ def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Arra
         i, j = np.triu_indices(n, 1)
         of_pairs = js.distance(*(jax.tree.map(lambda x: x[k], links) for k in (i, j)))
 
-    A Sphere may be beside any shape; a Capsule or a Box beside a Capsule, a Box or a HalfSpace. The distance can be
-    differentiated by placements and sizes, any number of times. Where the closest points jump, or the direction in
-    which shapes come apart, derivatives are those of one side. Axes of capsules that cross come apart along their
-    common perpendicular, and along x of a where they are parallel.
+    A Sphere may be beside any shape; a Capsule, a Box or a Cylinder beside one of these or a HalfSpace, but for two
+    Cylinders. The distance can be differentiated by placements and sizes, any number of times. Where the closest points
+    jump, or the direction in which shapes come apart, derivatives are those of one side. Axes of capsules that cross
+    come apart along their common perpendicular, and along x of a where they are parallel. What meets the rim of a
+    Cylinder is found by bisection, to the last bit: a loop of as many turns as numbers have digits.
 
     Args:
         a: a shape; its placement and that of b are in the same axes, from the same origin.
@@ -115,20 +129,21 @@ def _of(a: Any, b: Any, what: str) -> tuple[Callable[..., Any], Callable[..., An
     is_turned = (
         isinstance(b, Sphere)
         or (isinstance(a, HalfSpace) and isinstance(b, _CORES))
-        or (isinstance(a, Box) and isinstance(b, Capsule))
+        or (type(b), type(a)) in _FEATURES.keys() - {(type(a), type(b))}
     )
     if is_turned:
         a, b = b, a
     if isinstance(a, Sphere) or (isinstance(a, _CORES) and isinstance(b, HalfSpace)):
         points = functools.partial(_beside_sphere if isinstance(a, Sphere) else _beside_half_space, a, b)
         apart: Callable[..., Any] = lambda precision: points(precision).distance  # noqa: E731
-    elif isinstance(a, _CORES) and isinstance(b, _CORES):
+    elif (type(a), type(b)) in _FEATURES:
         given = _FEATURES[type(a), type(b)], _Cores.of(a), _Cores.of(b)
         apart, points = functools.partial(_distance, *given), functools.partial(_points, *given)
+        if isinstance(b, Cylinder):
+            points = functools.partial(_aligned, points)
     else:
-        raise TypeError(
-            f"{what}: expected a Sphere, or a Capsule or a Box and one of these or a HalfSpace, got {kinds}"
-        )
+        expected = "a Sphere, or a Capsule, a Box or a Cylinder and one of these or a HalfSpace, but no two Cylinders"
+        raise TypeError(f"{what}: expected {expected}, got {kinds}")
     return apart, (lambda precision: _reversed(points(precision))) if is_turned else points
 
 
@@ -151,10 +166,11 @@ def _around(center: Vector, n: Vector, distance: Numbers, radius: Numbers) -> li
 
 
 def _beside_half_space(a: Any, b: HalfSpace, precision: PrecisionName) -> ClosestPoints:
-    """Of a capsule or a box: of the corner that is deepest, the one of larger coordinates of some that are."""
+    """Of the point of a that is deepest, the one of larger coordinates of some that are."""
     core = _Cores.of(a)
     n, _ = b.normals_and_distances(precision, jnp.asarray(core.pose.p))
-    lowest = _placed(precision, core.pose, core.half, _lowest(precision, core.pose, n))
+    shares = (_lowest_of_cylinder if isinstance(a, Cylinder) else _lowest)(precision, core.pose, n)
+    lowest = _placed(precision, core.pose, core.half, shares)
     from_center = b.normals_and_distances(precision, lowest)[1]
     return ClosestPoints(*_around(precision, lowest, n, check.expanded(from_center), core.radius))
 
@@ -162,6 +178,13 @@ def _beside_half_space(a: Any, b: HalfSpace, precision: PrecisionName) -> Closes
 @formula
 def _lowest(X: Pose, n: Vector) -> Vector:
     return Vector(*(where(x > 0, constant(x, -1), 1.0) for x in X.R.T @ n))
+
+
+@formula
+def _lowest_of_cylinder(X: Pose, n: Vector) -> Vector:
+    x, y, z = -(X.R.T @ n)
+    across, _ = direction(Vector(x, y, constant(x, 0)), axis=0)
+    return Vector(across.x, across.y, where(z < 0, constant(z, -1), 1.0))
 
 
 @formula
@@ -176,13 +199,13 @@ def _times(half: Vector, shares: Vector) -> Vector:
 # -- capsules and boxes -----------------------------------------------------------------------------------------------
 
 
-_CORES = Capsule, Box
+_CORES = Capsule, Box, Cylinder
 
 
 class _Cores(NamedTuple):
     """Boxes, and lines as boxes, with something around: all points p + R (half x) with |x| <= 1, and the radius about.
 
-    half (*batch, 3), radius (*batch, 1).
+    half (*batch, 3), radius (*batch, 1). Of a cylinder x is in the unit circle across z.
     """
 
     pose: Pose
@@ -193,6 +216,10 @@ class _Cores(NamedTuple):
     def of(cls, shape: Any) -> "_Cores":
         if isinstance(shape, Box):
             return cls(shape.pose, shape.size / 2, np.zeros(1, shape.dtype))
+        if isinstance(shape, Cylinder):
+            library = np if isinstance(shape.radius, np.ndarray) and isinstance(shape.length, np.ndarray) else jnp
+            radius, half = library.broadcast_arrays(shape.radius, shape.length / 2)
+            return cls(shape.pose, library.stack([radius, radius, half], -1), np.zeros(1, shape.dtype))
         library = np if isinstance(shape.length, np.ndarray) else jnp
         zero = library.zeros_like(shape.length)
         return cls(shape.pose, library.stack([zero, zero, shape.length / 2], -1), check.expanded(shape.radius))
@@ -238,6 +265,18 @@ def _distance(features_of: Callable[..., _Features], a: _Cores, b: _Cores, preci
 def _points(features_of: Callable[..., _Features], a: _Cores, b: _Cores, precision: PrecisionName) -> ClosestPoints:
     found = _separation(precision, a, b, features_of(precision, a, b))
     return ClosestPoints(_distance(features_of, a, b, precision), *found[1:])
+
+
+def _aligned(points: Callable[..., ClosestPoints], precision: PrecisionName) -> ClosestPoints:
+    """With the point of b that is behind that of a. Where two directions are as good, to rounding errors, it makes the
+    difference."""
+    x = points(precision)
+    return x._replace(point_b=_behind(precision, x.point_a, x.normal, check.expanded(x.distance)))
+
+
+@formula
+def _behind(point: Vector, n: Vector, distance: Numbers) -> Vector:
+    return point + distance[0] * n
 
 
 def _separation(precision: PrecisionName, a: _Cores, b: _Cores, at: _Features) -> list[Any]:
@@ -461,4 +500,208 @@ def _of_boxes(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
     return _Features(of_a, of_b, n, is_in)
 
 
-_FEATURES = {(Capsule, Capsule): _of_lines, (Capsule, Box): _of_line_and_box, (Box, Box): _of_boxes}
+# -- lines and boxes beside cylinders ---------------------------------------------------------------------------------
+
+
+def _root(slope: Callable[[Any], Any], low: Any, high: Any) -> Any:
+    """Where numbers that are not above zero at low go above it, by bisection to the last bit; low where they nowhere
+    are below. Its derivatives are those of the root."""
+    low, high = map(lax.stop_gradient, (low, high))
+
+    def bisected(slope: Callable[[Any], Any], _: Any) -> Any:
+        def halve(_: Any, ends: Any) -> Any:
+            low, high = ends
+            middle = (low + high) / 2
+            is_low = slope(middle) <= 0
+            return jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)
+
+        return lax.fori_loop(0, check.finfo(low.dtype).nmant + 3, halve, (low, high))[0]
+
+    def inverse(rate: Callable[[Any], Any], y: Any) -> Any:
+        by = rate(jnp.ones_like(y))
+        return y / jnp.where(by == 0, 1, by)
+
+    return lax.custom_root(slope, low, bisected, inverse)
+
+
+def _across_z(v: Vector) -> Number:
+    """The length of (x, y)."""
+    square = v.x * v.x + v.y * v.y
+    is_zero = high(square) == 0
+    return where(is_zero, 0.0, where(is_zero, 1.0, square).sqrt())
+
+
+@formula
+def _pull(c: Vector, e: Vector, s: Numbers, half: Vector) -> list[Any]:
+    """Of the points c + s e: the derivative by s of half the squared distance from a cylinder. It never falls."""
+    at = c + s[0] * e
+    rho = _across_z(at)
+    is_beside = high(rho) > high(half.x)
+    outward = (rho - half.x) / where(is_beside, rho, 1.0) * (at.x * e.x + at.y * e.y)
+    return [(where(is_beside, outward, 0.0) + (at.z - clipped(at.z, half.z)) * e.z,)]
+
+
+@formula
+def _point_to_cylinder(c: Vector, e: Vector, s: Numbers, half: Vector) -> list[Any]:
+    """(shares of the cylinder, the squared distance) of the points c + s e."""
+    at = c + s[0] * e
+    rho = _across_z(at)
+    per = where(high(rho) > high(half.x), rho, half.x)
+    nearest = Vector(_quotient(at.x, per), _quotient(at.y, per), _quotient(clipped(at.z, half.z), half.z))
+    w = at - _times(half, nearest)
+    return [nearest, (dot(w, w),)]
+
+
+def _lines_to_cylinder(precision: PrecisionName, c: Any, e: Any, half: Any, cylinder: Any) -> list[Any]:
+    """Of the points c + s e, |s| <= half (*batch, 1), the nearest to a cylinder: (s / half, shares of the cylinder, the
+    squared distance)."""
+
+    def slope(s: Any) -> Any:
+        return _pull(precision, c, e, s, cylinder)[0]
+
+    first = slope(-half)
+    half = jnp.broadcast_to(half, first.shape)
+    last = slope(half)
+    s = _root(slope, -half, half)
+    is_first, is_last = first >= 0, last <= 0
+    s = jnp.where(is_first, jnp.where(is_last, 0, -half), jnp.where(is_last, half, s))
+    shares, square = _point_to_cylinder(precision, c, e, s, cylinder)
+    return [s / jnp.where(half == 0, 1, half), shares, square]
+
+
+@formula
+def _along_rim(c: Vector, e: Vector, half: Vector, side: Numbers) -> list[Any]:
+    """Of lines along unit vectors e through c: (t, m, numbers), with t and m across e, t across z too. Of a line and the
+    rim at one side of the cylinder the gap along cos(a) t + sin(a) m is
+
+        A cos(a) + B sin(a) - sqrt(r^2 cos^2(a) + b^2 sin^2(a))
+
+    for a between 0 and a right angle: numbers are A >= 0, B, r^2, b^2 and r^2 - b^2.
+    """
+    t, _ = direction(Vector(-e.y, e.x, constant(e.x, 0)), axis=0)
+    along = dot(c, t)
+    t = Vector(*(where(along < 0, -x, x) for x in t))
+    m = side[0] * cross(e, t)
+    square = half.x * half.x
+    return [t, m, (abs(along), dot(c, m) - half.z * abs(m.z), square, square * (e.z * e.z), square * (m.z * m.z))]
+
+
+@formula
+def _turning(at: Numbers, x: Numbers) -> list[Any]:
+    """The derivative of minus that gap by the angle, where sin : cos = x : 1 - x."""
+    A, B, r2, b2, difference = at
+    c, s = 1 - x[0], x[0]
+    square = r2 * c * c + b2 * s * s
+    is_none = high(square) <= 0
+    root = where(is_none, 1.0, square).sqrt()
+    return [(A * s - B * c - where(is_none, 0.0, difference * s * c / root),)]
+
+
+@formula
+def _between_directions(t: Vector, m: Vector, x: Numbers) -> Vector:
+    return unit((1 - x[0]) * t + x[0] * m)
+
+
+def _of_rims(precision: PrecisionName, c: Any, e: Any, half: Any) -> Any:
+    """The directions (*batch, 2 k, 3), across each of k lines (*batch, k, 3), in which the gap between it and a rim is
+    widest: of the upper and of the lower rim.
+
+    The gap has one maximum inside of the right angle if B >= 0. Else there is none, or a minimum and a maximum on
+    either side of the place where they meet as B grows: the point of the evolute of the ellipse. [Farouki 2008, 7]
+    """
+    c, e = (jnp.concatenate([x, x], -2) for x in (c, e))
+    sides = np.repeat(np.array([1, -1], e.dtype), e.shape[-2] // 2)[:, None]
+    t, m, at = _along_rim(precision, c, e, half, sides)
+    A, B, r2, b2 = (at[..., i : i + 1] for i in range(4))
+    cosine, sine = jnp.cbrt(lax.stop_gradient(A * b2)), jnp.cbrt(lax.stop_gradient(abs(B) * r2))
+    total = cosine + sine
+    low = jnp.where((B < 0) & (total > 0), sine / jnp.where(total > 0, total, 1), 0)
+    x = _root(lambda x: _turning(precision, at, x)[0], low, jnp.ones_like(low))
+    return _between_directions(precision, t, m, x)
+
+
+@formula
+def _horizontal(v: Vector) -> Vector:
+    return direction(Vector(v.x, v.y, constant(v.x, 0)), axis=0)[0]
+
+
+@formula
+def _on_rims(v: Vector, sides: Numbers) -> Vector:
+    x, y, _ = direction(Vector(v.x, v.y, constant(v.x, 0)), axis=0)[0]
+    return Vector(sides[0] * x, sides[0] * y, sides[1])
+
+
+@formula
+def _across_axis(e: Vector) -> Vector:
+    return direction(Vector(-e.y, e.x, constant(e.x, 0)), axis=0)[0]
+
+
+@formula
+def _gap_along(n: Vector, p: Vector, R: Matrix, half_a: Vector, half_b: Vector) -> list[Any]:
+    """(the direction n or -n, from a cylinder B to a box A, the gap between them along it)."""
+    along = dot(p, n)
+    gap = abs(along) - half_b.x * _across_z(n) - half_b.z * abs(n.z)
+    for k, half in enumerate(half_a):
+        gap = gap - half * abs(dot(R.T[k], n))
+    return [Vector(*(where(along < 0, -x, x) for x in n)), (gap,)]
+
+
+def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: bool) -> _Features:
+    """The closest of the edges of A and the cylinder, and of points on its rims and the box A.
+
+    Where they penetrate, it is by the least gap, below zero, along: the axis of the cylinder; normals of faces of the
+    box; horizontal directions, to corners and across edges; and those across an edge and a rim. No others come into
+    question for a sum of a line or a box, a circle and a line. What touches is then found at one length more apart,
+    where it is the same.
+    """
+    R, p, half_a, half_b = _in_b(precision, a.pose, a.half, b.pose, b.half)
+    batch, dtype = p.shape[:-1], np.dtype(p.dtype)
+    R_, center, own, other = (jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :] for x in (R, p, half_a, half_b))
+    axes, middles, corners = np.array([2]), np.zeros((1, 3), dtype), np.array([[0, 0, -1], [0, 0, 1]], dtype)
+    if not is_line:
+        axes, middles, corners = _AXES, _MIDDLES.astype(dtype), _CORNERS.astype(dtype)
+    columns = [R[..., k::3] for k in range(3)]
+    edges = jnp.stack([columns[k] for k in axes], -2)
+    lengths = jnp.stack([half_a[..., k : k + 1] for k in axes], -2)
+
+    faces = [jnp.broadcast_to(np.array([0, 0, 1], dtype), p.shape), *(() if is_line else columns)]
+    across = _across_axis(precision, jnp.stack([columns[k] for k in sorted(set(axes.tolist()))], -2))
+    to_corners = _horizontal(precision, _placed(precision, Pose(R_, center), own, corners))
+    of_rims = _of_rims(precision, _placed(precision, Pose(R_, center), own, middles), edges, other)
+    normals = jnp.concatenate([jnp.stack(faces, -2), across, to_corners, of_rims], -2)
+    normals, gaps = _gap_along(precision, normals, center, R_, own, other)
+    # Rounding errors do not choose an edge in place of a face.
+    is_face = np.arange(gaps.shape[-2]) < len(faces)
+    margin = is_face * dtype.type(NONE * float(check.finfo(dtype).eps))
+    widest = jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1)[..., None, None]
+    n, gap = (jnp.take_along_axis(x, widest, -2)[..., 0, :] for x in (normals, gaps))
+    is_in = gap < NONE * float(check.finfo(dtype).eps)
+    moved = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
+
+    centers = _placed(precision, Pose(R_, moved), own, middles)
+    share, of_b, squares = _lines_to_cylinder(precision, centers, edges, lengths, other)
+    is_along = jnp.asarray(axes[:, None] == np.arange(3))
+    of_a = jnp.where(is_along, share, jnp.broadcast_to(middles, (*batch, len(axes), 3)))
+    if not is_line:
+        # Where faces of the box may touch: each rim where the cylinder is farthest along the normal, and against it.
+        sides = np.repeat(np.array(list(itertools.product((-1, 1), repeat=2)), dtype), 3, 0)
+        rims = _on_rims(precision, jnp.concatenate([jnp.stack(columns, -2)] * 4, -2), sides)
+        shares, more = _point_to_box(precision, rims * other, Pose(R_, moved), own)
+        of_a, of_b, squares = (jnp.concatenate(x, -2) for x in ((of_a, shares), (of_b, rims), (squares, more)))
+    nearest = jnp.argmin(squares[..., 0], -1)[..., None, None]
+    of_a, of_b = (jnp.take_along_axis(x, nearest, -2)[..., 0, :] for x in (of_a, of_b))
+    return _Features(of_a, of_b, _away(precision, b.pose.R, n), is_in.astype(dtype))
+
+
+@formula
+def _away(R: Matrix, n: Vector) -> Vector:
+    return R @ -n
+
+
+_FEATURES = {
+    (Capsule, Capsule): _of_lines,
+    (Capsule, Box): _of_line_and_box,
+    (Box, Box): _of_boxes,
+    (Capsule, Cylinder): functools.partial(_of_cylinder, is_line=True),
+    (Box, Cylinder): functools.partial(_of_cylinder, is_line=False),
+}

@@ -136,6 +136,9 @@ def made(kinds, dtype, n=40, alike=False, spread=0.6, seed=0):
             size = np.where(alike, rng.choice([0.0, 0.25, 0.5, 1.0], (n, 3)), rng.uniform(0.05, 1, (n, 3)))
             size[0] = np.maximum(size[0], 0.25)
             shapes.append(js.Box(size.astype(dtype), X))
+        elif kind is js.Cylinder:
+            sizes = np.where(alike, rng.choice([0.0, 0.25, 0.5, 1.0], (2, n)), rng.uniform(0.05, 0.6, (2, n)))
+            shapes.append(js.Cylinder(*sizes.astype(dtype), X))
         else:
             length = np.where(alike, rng.choice([0.0, 0.5, 1.0], n), rng.uniform(0.05, 1, n))
             shapes.append(js.Capsule(rng.uniform(0, 0.2, n).astype(dtype), length.astype(dtype), X))
@@ -143,7 +146,14 @@ def made(kinds, dtype, n=40, alike=False, spread=0.6, seed=0):
 
 
 PAIRS = [(js.Capsule, js.Capsule), (js.Capsule, js.Box), (js.Box, js.Capsule), (js.Box, js.Box)]
-each_pair = pytest.mark.parametrize("kinds", PAIRS, ids=lambda x: "-".join(k.__name__ for k in x))
+OF_CYLINDERS = [(js.Capsule, js.Cylinder), (js.Box, js.Cylinder)]
+
+
+def of_pairs(*kinds):
+    return pytest.mark.parametrize("kinds", kinds, ids=lambda x: "-".join(k.__name__ for k in x))
+
+
+each_pair = of_pairs(*PAIRS)
 
 
 @each_pair
@@ -179,6 +189,82 @@ def test_distances_are_optima(kinds, alike, dtype):
         assert abs(own[found.distance > 0]).max() < 64 * u
 
 
+def gap(normal, a, b, i):
+    """The gap between items i along unit vectors (..., 3), by the points that are farthest along them: in longdouble."""
+    total = 0.0
+    n = np.asarray(normal, np.longdouble)
+    for shape, sign in ((a, -1), (b, 1)):
+        X = shape.placement
+        R, p = (np.asarray(x, np.longdouble)[i] for x in (X.rotation.to_matrix(), X.translation))
+        x, y, z = np.moveaxis(abs(n @ R), -1, 0)
+        if isinstance(shape, js.Box):
+            reach = np.stack([x, y, z], -1) @ np.asarray(shape.size[i], np.longdouble) / 2
+        else:
+            radius, half = (np.asarray(v[i], np.longdouble) for v in (shape.radius, shape.length / 2))
+            reach = half * z + radius * (np.hypot(x, y) if isinstance(shape, js.Cylinder) else 1)
+        total = total + sign * (n @ p) - reach
+    return total
+
+
+def widest(a, b, i, start=None):
+    """The widest gap of 3000 directions, or of one, and of a random search around the best of them: a lower bound."""
+    rng = np.random.default_rng(0)
+    n, steps = rng.normal(size=(3000, 3)), 0.2 * 0.8 ** np.arange(60)
+    if start is not None:
+        n, steps = np.asarray(start, float)[None], 1e-3 * 0.8 ** np.arange(130)
+    n = np.asarray(n, np.longdouble)
+    n /= np.linalg.norm(n, axis=1, keepdims=True)
+    n = n[np.argsort(gap(n, a, b, i))[-6:]]
+    for step in steps:
+        near = n[:, None] + step * rng.normal(size=(len(n), 40, 3))
+        near[:, 0] = n
+        near /= np.linalg.norm(near, axis=-1, keepdims=True)
+        n = near[np.arange(len(n)), gap(near, a, b, i).argmax(1)]
+    return float(gap(n, a, b, i).max())
+
+
+def scale_of(shape, i):
+    sizes = [shape.size[i]] if isinstance(shape, js.Box) else [2 * shape.radius[i], shape.length[i]]
+    return sum(float(np.linalg.norm(x)) for x in sizes)
+
+
+@of_pairs(*OF_CYLINDERS)
+@pytest.mark.parametrize("alike", [False, True], ids=["any", "alike"])
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_distances_of_cylinders_are_optima(kinds, alike, dtype):
+    """No gap is wider than a distance. Along the normal it is as wide, and where shapes are apart, closest points are as
+    near: that is a proof. Inside no direction of many has a wider one."""
+    n = 60
+    with jax.enable_x64(dtype == F64):
+        a, b = made(kinds, dtype, n, alike, 0.25)
+        found = interpreted(js.closest_points)(a, b)
+        alone = interpreted(js.distance)(a, b)
+        on = [interpreted(lambda p, s=s: s(p))(p) for s, p in ((a, found.point_a), (b, found.point_b))]
+    np.testing.assert_array_equal(alone, found.distance)
+    assert found.distance.dtype == dtype
+    u = np.finfo(dtype).eps / 2
+    p = [np.asarray(x.placement.translation, float) for x in (a, b)]
+    worst, inside = 0.0, 0
+    for i in range(n):
+        scale = np.linalg.norm(p[1][i] - p[0][i]) + scale_of(a, i) + scale_of(b, i)
+        bound = 64 * u * scale + 4 * u * (np.linalg.norm(p[0][i]) + np.linalg.norm(p[1][i]))
+        d, normal = float(found.distance[i]), np.asarray(found.normal[i], np.longdouble)
+        along = float(gap(normal / np.linalg.norm(normal), a, b, i))
+        if abs(along - d) > bound:
+            # Of points that are nearly one the direction has few digits.
+            along = widest(a, b, i, normal)
+        worst, inside = max(worst, abs(along - d) / bound), inside + (d < 0)
+        if d < bound:
+            assert widest(a, b, i) <= d + bound
+    assert worst <= 1, worst
+    assert 5 < inside < 55
+    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1, rtol=0, atol=8 * u)
+    w = found.point_b.astype(float) - found.point_a
+    np.testing.assert_allclose(w, found.distance[:, None].astype(float) * found.normal, rtol=0, atol=64 * u)
+    for own in on:
+        assert abs(own[found.distance > 0]).max() < 64 * u
+
+
 @pytest.mark.parametrize("dtype", [F32, F64])
 def test_lines_that_are_nearly_parallel(dtype):
     """That cross at angles down to 1e-15: a determinant would leave them sqrt(eps) apart."""
@@ -200,7 +286,10 @@ def test_lines_that_are_nearly_parallel(dtype):
     assert worst < 64 * np.finfo(dtype).eps / 2
 
 
-@each_pair
+each_of_all = of_pairs(*PAIRS, *(pytest.param(x, marks=pytest.mark.slow) for x in OF_CYLINDERS))
+
+
+@each_of_all
 def test_derivatives_are_differences(kinds):
     """By placements and sizes: first and second derivatives, of distances, and of closest points where they are one."""
     with jax.enable_x64(True):
@@ -232,7 +321,7 @@ def test_derivatives_are_differences(kinds):
         np.testing.assert_allclose(backward, first.sum(), rtol=1e-9, atol=1e-9)
 
 
-@each_pair
+@each_of_all
 def test_derivatives_are_finite_everywhere(kinds):
     with jax.enable_x64(True):
         a, b = made(kinds, F64, 60, alike=True, seed=5)
@@ -244,6 +333,31 @@ def test_derivatives_are_finite_everywhere(kinds):
         )(a, b)
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(gradient))
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(again))
+
+
+@pytest.mark.slow
+@of_pairs(*OF_CYLINDERS)
+def test_slopes_of_cylinders_are_differences(kinds):
+    """By placements and sizes, compiled: apart and inside one another."""
+    with jax.enable_x64(True):
+        a, b = made(kinds, F64, 40, seed=3, spread=0.3)
+        leaves, structure = jax.tree.flatten((a, b))
+        rng = np.random.default_rng(1)
+        along = [rng.normal(size=(*x.shape[:-1], 3) if x.shape[-1] == 9 else x.shape) for x in leaves]
+
+        def of(s):
+            moved = [
+                (js.Rotation.exp(s * y) @ js.Rotation(x)).entries if x.shape[-1] == 9 else x + s * y
+                for x, y in zip(leaves, along, strict=True)
+            ]
+            return js.distance(*jax.tree.unflatten(structure, moved))
+
+        h = 1e-6
+        values, slopes = map(
+            np.asarray, jax.jit(jax.vmap(lambda s: jax.jvp(of, (s,), (1.0,))))(np.array([-h, 0, h]))
+        )
+    assert 5 < (values[1] < 0).sum() < 35
+    np.testing.assert_allclose(slopes[1], (values[2] - values[0]) / (2 * h), rtol=0, atol=1e-7)
 
 
 def test_directions_where_there_is_a_choice():
@@ -304,6 +418,7 @@ def test_batches_of_some_numbers_alone():
         (js.Capsule(radii, np.float32(1)), far),
         (js.Box(np.float32([1, 1, 1]), X), far),
         (js.Box(np.float32([[1, 1, 1], [2, 2, 2]])), js.Box(np.float32([1, 1, 1]), X)),
+        (js.Cylinder(radii, np.float32(1)), far),
     ):
         found = interpreted(js.closest_points)(a, b)
         assert [x.shape for x in found] == [(2,), (2, 3), (2, 3), (2, 3)]
@@ -330,6 +445,16 @@ def test_over_a_half_space():
         capsule = interpreted(js.distance)(ground, js.Capsule(0.1, 0.8, X))
         ends = (p[:, None] + np.einsum("ni,k->nki", R[:, :, 2], np.array([-0.4, 0.4]))) @ n - 0.2
         np.testing.assert_allclose(capsule, ends.min(1) - 0.1, rtol=0, atol=1e-14)
+        cylinder = interpreted(js.closest_points)(js.Cylinder(0.2, 0.8, X), ground)
+        local = np.einsum("nij,i->nj", R, n)
+        expected = p @ n - 0.2 - 0.2 * np.hypot(*local[:, :2].T) - 0.4 * abs(local[:, 2])
+        np.testing.assert_allclose(cylinder.distance, expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(cylinder.point_a @ n - 0.2, expected, rtol=0, atol=1e-14)
+        np.testing.assert_allclose(interpreted(js.Cylinder(0.2, 0.8, X))(cylinder.point_a), 0, rtol=0, atol=1e-14)
+        # Upright, any point of the rim is the deepest.
+        slope = jax.grad(lambda z: js.distance(js.Cylinder(0.2, 0.8, js.RigidTransform(
+            js.Rotation.identity((), F64), jnp.zeros(3).at[2].set(z))), js.HalfSpace(np.array([0.0, 0, 1]), 0.0)))  # fmt: skip
+        np.testing.assert_allclose(slope(0.7), 1, rtol=1e-15)
 
 
 @pytest.mark.slow
@@ -359,7 +484,11 @@ def test_all_pairs_of_the_capsules_of_a_robot():
     ("make", "message"),
     [
         (lambda: js.distance(js.Sphere(1.0), 3), "distance: b: expected a shape, such as js.Capsule, got int"),
-        (lambda: js.distance(js.Cylinder(1.0, 1.0), js.Box([1.0, 1, 1])), "expected a Sphere, .* got Cylinder and Box"),
+        (
+            lambda: js.distance(js.Cylinder(1.0, 1.0), js.Cylinder(1.0, 1.0)),
+            "distance: expected a Sphere, .* no two Cylinders, got Cylinder and Cylinder",
+        ),
+        (lambda: js.distance(js.Box([1.0, 1, 1]), js.Stairs(3, 0.3, 0.2)), "expected a Sphere, .* got Box and Stairs"),
         (lambda: js.closest_points(js.HalfSpace(), js.HalfSpace()), "got HalfSpace and HalfSpace"),
         (lambda: js.distance(js.Sphere(np.float32(1)), js.Sphere(np.float16(1))), "a and b: expected one dtype"),
     ],
