@@ -14,12 +14,14 @@ import jax
 import mpmath
 import pytest
 
-from tests.helpers.soon import compiled_soon
+from tests.helpers.soon import compile_single_operations_soon, compiled_soon, share_contexts
 
 jax.config.update("jax_numpy_dtype_promotion", "strict")
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # One for all modules, whichever is imported last: of what cancels at an angle of 1e-30, 60 digits are left.
 mpmath.mp.dps = 160
+compile_single_operations_soon()
+forget_context = share_contexts()
 
 # Tracing makes millions of objects, few of them garbage in cycles. Looking for it as often as Python does takes a tenth
 # of the time of the tests.
@@ -152,6 +154,7 @@ def forget_programs():
     """Thousands of compiled programs would take gigabytes."""
     yield
     jax.clear_caches()
+    forget_context()
     _out_of_sight()
 
 

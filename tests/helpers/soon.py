@@ -8,6 +8,8 @@ from unittest import mock
 
 import jax
 from jax._src import compiler
+from jax._src.interpreters import mlir, pxla
+from jaxlib.mlir import ir
 
 # Kernels of one operation each, in one module of LLVM.
 _OPTIONS = {"xla_cpu_use_fusion_emitters": False, "xla_cpu_parallel_codegen_split_count": 1}
@@ -51,3 +53,50 @@ def environment():
     options = _options() and {**_options(), "xla_backend_optimization_level": 1}
     flags = [os.environ.get("XLA_FLAGS", ""), *(f"--{name}={str(x).lower()}" for name, x in options.items())]
     return {"XLA_FLAGS": " ".join(flags).strip()}
+
+
+# Operations that hand on the numbers they are given; and those that round, once.
+_MOVES = {
+    "broadcast_in_dim", "compare", "concatenate", "constant", "convert", "dynamic_slice", "dynamic_update_slice",
+    "gather", "iota", "pad", "reshape", "reverse", "select", "slice", "transpose",
+}  # fmt: skip
+_ROUNDS = {"add", "divide", "multiply", "subtract"}
+_AROUND = {"builtin.module", "func.func", "func.call", "func.return"}
+
+
+def _is_of_one_operation(module):
+    """Whether a program computes one thing at most, so that there is nothing to fuse or to contract."""
+    rounded = 0
+    operations = [module.operation]
+    for operation in operations:
+        name = operation.name.removeprefix("stablehlo.")
+        rounded += name in _ROUNDS
+        if rounded > 1 or name not in _MOVES | _ROUNDS | _AROUND:
+            return False
+        operations += [o.operation for region in operation.regions for block in region.blocks for o in block.operations]
+    return True
+
+
+def compile_single_operations_soon():
+    """From now on: half of all programs are slices and the like outside of a program. Their bits are the same."""
+    given = pxla.create_compile_options
+
+    def with_options(computation, tuple_args, to_inputs, to_outputs, backend, devices, compiler_options):
+        if not compiler_options and _is_of_one_operation(computation):
+            compiler_options = {**_options(), "xla_backend_optimization_level": 0}
+        return given(computation, tuple_args, to_inputs, to_outputs, backend, devices, compiler_options)
+
+    pxla.create_compile_options = with_options
+
+
+def share_contexts():
+    """MLIR's context, which takes longer to make than most programs take to be lowered, is made once per call of the
+    function that this returns. A program that is needed while another is lowered has its own."""
+    given = mlir.make_ir_context
+    shared = functools.cache(given)
+
+    def make_ir_context():
+        return shared() if ir.Context.current is None else given()
+
+    mlir.make_ir_context = make_ir_context
+    return shared.cache_clear
