@@ -52,7 +52,7 @@ def meshes(operation: str, mech: Mechanism, path: str | pathlib.Path) -> dict[st
     except xml.etree.ElementTree.ParseError as error:
         raise ValueError(f"{operation}: shapes: {path}: expected a URDF, got malformed XML: {error}") from None
     if tag != "robot":
-        way_out = "; without shapes, the ellipsoids of inertias are shown" if tag == "mujoco" else ""
+        way_out = "; without shapes, the solid boxes with the inertias of bodies are shown" if tag == "mujoco" else ""
         raise ValueError(f"{operation}: shapes: {path}: expected a URDF, <robot>, got <{tag}>{way_out}")
     try:
         urdf = yourdfpy.URDF.load(

@@ -78,7 +78,8 @@ def show(
         mech: the mechanism.
         q: (nq,) or (n, nq) coordinates of n states: rad, m, quaternions.
         dt: time from one state to the next, s.
-        shapes: path of the URDF file whose visual meshes are shown; None shows the ellipsoids of inertias.
+        shapes: path of the URDF file whose visual meshes are shown; None shows for each body the solid box
+            with its inertia.
         forces: wrenches shown as arrows, as `external_forces` have them: SpatialForces by name of a frame,
             AppliedForces, or a list of these, which act together. Each is one for all states, or (n,) of them: N m, N.
             Forces orange, torques purple along their axes. Of steps in a loop stack the forces:
@@ -203,8 +204,8 @@ class Scene:
                 add.add_mesh_trimesh(f"/robot/{_node(name)}/shape {k}", mesh)
             if is_named:
                 add.add_label(f"/robot/{_node(name)}/name", name)
-        if shapes is None:
-            _add_ellipsoids(add, mech)
+        # Origins of bodies may lie closer together than the bodies are long.
+        away = size + (_add_boxes(add, mech) / 2 if shapes is None else 0)
         _add_spheres(add, touching, centres, radii, size)
         self._arrows = [_Arrows(add, *given, size) for given in arrows]
         if isinstance(ground, HalfSpace):
@@ -213,7 +214,7 @@ class Scene:
             faces = np.arange(land.size // 3).reshape(-1, 3)
             look: Any = {"color": GROUND, "flat_shading": True, "side": "double", "opacity": 0.8}
             add.add_mesh_simple("/ground", land.reshape(-1, 3).astype(np.float32), faces, **look)
-        self.server.initial_camera.position = self._p[0].mean(0) + size * np.array([0.8, -1.2, 0.4])
+        self.server.initial_camera.position = self._p[0].mean(0) + away * np.array([0.8, -1.2, 0.4])
         self.server.initial_camera.look_at = self._p[0].mean(0)
         self.draw(0)
 
@@ -256,18 +257,19 @@ class Scene:
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
-def _add_ellipsoids(add: Any, mech: Mechanism) -> None:
-    """The solid ellipsoid of each inertia, on its body."""
+def _add_boxes(add: Any, mech: Mechanism) -> float:
+    """The solid box with each inertia, on its body; returns the longest edge of all."""
     M = act_inverse(mech.child_placements, mech.inertias, precision="fast")  # M_BBo_B
-    a, R_BE = M.equivalent_ellipsoid(precision="fast")
-    parts = np.asarray(a), np.asarray(R_BE.to_quaternion(precision="fast")), np.asarray(M.com)
-    for name, semi_axes, wxyz, com in zip(mech.body_names, *parts, strict=True):
-        if np.isfinite(semi_axes).all() and semi_axes.any():
+    edges, R_BE = M.equivalent_box(precision="fast")
+    parts = np.asarray(edges), np.asarray(R_BE.to_quaternion(precision="fast")), np.asarray(M.com)
+    longest = 0.0
+    for name, sides, wxyz, com in zip(mech.body_names, *parts, strict=True):
+        if np.isfinite(sides).all() and sides.any():
             # Flat and thin ones can be seen, too.
-            scale = tuple(np.maximum(semi_axes, 0.02 * semi_axes[0]).tolist())
-            add.add_icosphere(
-                f"/robot/{_node(name)}/shape", color=BODY, scale=scale, opacity=0.7, wxyz=wxyz, position=com
-            )
+            seen = tuple(np.maximum(sides, 0.02 * sides[0]).tolist())
+            add.add_box(f"/robot/{_node(name)}/shape", BODY, seen, opacity=0.7, wxyz=wxyz, position=com)
+            longest = max(longest, seen[0])
+    return longest
 
 
 def _add_spheres(add: Any, frames: Sequence[str], centres: np.ndarray, radii: np.ndarray, size: float) -> None:

@@ -149,16 +149,26 @@ def scenes():
 
 
 def test_without_shapes_inertias_are_seen(scenes, robot):
-    """Ellipsoids with the second moments of the bodies: also where the body is not on the frame of its joint."""
-    M = js.SpatialInertia.solid_ellipsoid(FLOAT([0.3, 0.2, 0.1]), mass=FLOAT(2)).shift(FLOAT([0, 0, -0.5]))
+    """Boxes with the second moments of the bodies: also where the body is not on the frame of its joint."""
+    M = js.SpatialInertia.solid_box(FLOAT([0.3, 0.2, 0.1]), mass=FLOAT(2)).shift(FLOAT([0, 0, -0.5]))
     turn = js.RigidTransform(js.Rotation.about_x(FLOAT(0.7)), FLOAT([0.1, 0, 0.2]))
     joint = js.Joint("a", "revolute", "world", "b", child_placement=turn)
     shown = scenes(js.Mechanism.build([js.Body("b", M)], [joint], dtype=FLOAT), FLOAT([0.4]))
-    (ball,) = [h for n, h in shown.server.scene._handle_from_node_name.items() if n.endswith("b/shape")]
-    np.testing.assert_allclose(ball.scale, [0.3, 0.2, 0.1], rtol=1e-4)
-    np.testing.assert_allclose(ball.position, [0, 0, 0.5], atol=1e-5)
-    turned = np.asarray(js.Rotation.from_quaternion(FLOAT(ball.wxyz)).to_matrix())
+    (box,) = [h for n, h in shown.server.scene._handle_from_node_name.items() if n.endswith("b/shape")]
+    np.testing.assert_allclose(box.dimensions, [0.3, 0.2, 0.1], rtol=1e-4)
+    np.testing.assert_allclose(box.position, [0, 0, 0.5], atol=1e-5)
+    turned = np.asarray(js.Rotation.from_quaternion(FLOAT(box.wxyz)).to_matrix())
     np.testing.assert_allclose(abs(turned), np.eye(3), atol=1e-3)
+
+
+def test_the_camera_sees_long_bodies(scenes):
+    """A rod is as long as it is, and the camera is farther away than its end, though its origin is the only one."""
+    rod = js.SpatialInertia.thin_rod(FLOAT(3), FLOAT([1, 0, 0]), mass=FLOAT(2))
+    joint = js.Joint("a", "revolute", "world", "b", axis=(0, 1, 0))
+    shown = scenes(js.Mechanism.build([js.Body("b", rod)], [joint], dtype=FLOAT), FLOAT([0.0]))
+    (box,) = [h for n, h in shown.server.scene._handle_from_node_name.items() if n.endswith("b/shape")]
+    np.testing.assert_allclose(box.dimensions, [3, 0.06, 0.06], rtol=1e-4)
+    assert np.linalg.norm(shown.server.initial_camera.position) > 2
 
 
 def visible(arrows):
