@@ -94,6 +94,11 @@ def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) 
 
     Raises:
         ValueError: there is no such place.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> plot.axes().get_xlabel()
+        'x, m'
     """
     style: Any = {"projection": "3d", "computed_zorder": False}
     with pyplot.rc_context({"grid.color": f"{GROUND}60", "grid.linewidth": 0.6}):
@@ -152,6 +157,12 @@ def mechanism(
         KeyError: there is no such frame; lists those there are.
         TypeError: an argument has another type.
         ValueError: mech, q or the ground is a batch, q has another size, or a ground function has no zero near by.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.mechanism(arm, q, frames=["hand"])
+        >>> [line.get_gid() for line in ax.lines]
+        ['lower', 'joints', 'hand', 'hand x', 'hand y', 'hand z']
     """
     ax, X_WJ = _axes("plot.mechanism", ax), _joints("plot.mechanism", mech, q)
     if frames is not None and (isinstance(frames, str) or not all(isinstance(name, str) for name in frames)):
@@ -214,6 +225,12 @@ def torques(
     Raises:
         TypeError: an argument has another type.
         ValueError: an argument is a batch, has another size, or is not finite.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.torques(arm, q, js.gravity_forces(arm, q), plot.mechanism(arm, q), numbers=True)
+        >>> [text.get_text() for text in ax.texts]
+        ['17 N m', '2.9 N m']
     """
     ax, X_WJ = _axes("plot.torques", ax), _joints("plot.torques", mech, q)
     given = _one("plot.torques: tau", "tau", tau, mech.nv)
@@ -240,6 +257,11 @@ def frame(X_WF: RigidTransform, ax: Axes3D | None = None, *, length: float | Non
     Raises:
         TypeError: X_WF is no RigidTransform, or the axes are not 3-D.
         ValueError: X_WF is a batch.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> [line.get_gid() for line in plot.frame(below, name="B").lines]
+        ['B x', 'B y', 'B z']
     """
     ax, X = _axes("plot.frame", ax), _pose("plot.frame: X_WF", X_WF)
     _triad(ax, X.R, X.p, _TRIAD * _size(ax) if length is None else length, name)
@@ -280,6 +302,12 @@ def wrench(
     Raises:
         TypeError: F_P_W is no SpatialForce, or the axes are not 3-D.
         ValueError: shapes do not fit, or numbers are not finite.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.wrench(F, [0.0, 0.0, 0.0], plot.mechanism(arm, q))
+        >>> [line.get_gid() for line in ax.lines if line.get_gid()]
+        ['lower', 'lower tip', 'joints', 'torque', 'central axis']
     """
     ax = _axes("plot.wrench", ax)
     check.require_kind(F_P_W, SpatialForce, "plot.wrench", " first")
@@ -328,6 +356,12 @@ def forces(
         KeyError: there is no such frame.
         TypeError: an argument has another type.
         ValueError: an argument is a batch, has another size, or is not finite.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.forces(arm, q, {"hand": F}, plot.mechanism(arm, q), numbers=True)
+        >>> [text.get_text().strip() for text in ax.texts]
+        ['2.2 N']
     """
     ax = _axes("plot.forces", ax)
     check.require_kind(mech, Mechanism, "plot.forces", " first")
@@ -350,6 +384,12 @@ def scales(ax: Axes3D) -> Scales:
 
     Raises:
         TypeError: the axes are not 3-D.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> scale = plot.scales(plot.forces(arm, q, {"hand": F}, plot.mechanism(arm, q)))
+        >>> print(f"1 m of arrow is {1 / scale.force:.1f} N")
+        1 m of arrow is 3.9 N
     """
     _require_axes("plot.scales", ax)
     return _WRENCHES[ax].scale if ax in _WRENCHES else Scales()
@@ -369,6 +409,12 @@ def scale_bars(ax: Axes3D) -> Axes3D:
     Raises:
         TypeError: the axes are not 3-D.
         ValueError: no wrench was drawn in them.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.scale_bars(plot.forces(arm, q, {"hand": F}, plot.mechanism(arm, q)))
+        >>> [text.get_text().strip() for text in ax.texts]
+        ['1 N', '2 N m']
     """
     _require_axes("plot.scale_bars", ax)
     if ax not in _WRENCHES or not _WRENCHES[ax].wrenches:
@@ -395,6 +441,12 @@ def inertia(
     Raises:
         TypeError: an argument has another type.
         ValueError: an argument is a batch, or the inertia has no ellipsoid: there is no mass, or no body has it.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.inertia(js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=6.0))
+        >>> [line.get_gid() for line in ax.lines]
+        ['inertia', 'inertia', 'inertia']
     """
     ax = _axes("plot.inertia", ax)
     _require_single("plot.inertia", M_BBo_B, SpatialInertia)

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial import plot
 from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.numerics import quantity
@@ -95,7 +96,15 @@ CONVERTERS = {
     for name, f in _public(getattr(js.interop, module)).items()
     if f.__module__.endswith(f"interop.{module}")
 }
-_ALL = FUNCTIONS | METHODS | OF_PARTS | CONVERTERS | {cls.__name__: cls for cls in (*CLASSES, *PARTS, js.Compliance)}
+DRAWN = {f"plot.{name}": f for name, f in _public(plot).items() if name in plot.__all__}
+_ALL = (
+    FUNCTIONS
+    | METHODS
+    | OF_PARTS
+    | CONVERTERS
+    | DRAWN
+    | {cls.__name__: cls for cls in (*CLASSES, *PARTS, js.Compliance)}
+)
 # What several classes inherit, once. What reads files has examples in its place.
 EXAMPLES = dict({id(x): (name, x) for name, x in _ALL.items()}.values())
 EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(urdf|mjcf)|_as_known)$", name)}
@@ -104,8 +113,10 @@ EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(
 @pytest.fixture(scope="module")
 def names():
     """What examples need not define: the names that the page of all public names begins with."""
+    plot.pyplot.switch_backend("agg")
     with names_of_the_page() as names:
         yield names
+    plot.pyplot.close("all")
 
 
 def _lines(x):
@@ -124,6 +135,10 @@ def test_a_docstring_ends_with_an_example(name):
 
 SLOW = LONG | {"brax.to_tau"}
 RUN = [pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in sorted(EXAMPLES) if _lines(EXAMPLES[x])]
+
+
+def test_all_that_draws_has_examples():
+    assert len(DRAWN) > 8 and all(_lines(f) for f in DRAWN.values())
 
 
 def test_all_modules_of_converters_have_examples():
