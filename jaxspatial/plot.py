@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from scipy.ndimage import gaussian_filter
 
 from jaxspatial._drawing import BODY, FORCE, GROUND, INERTIA, JOINT, TORQUE, XYZ, meshes, spheres, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
@@ -750,7 +749,7 @@ class _Meshes(Artist):
             dark = np.zeros(shape)
             y, x, _ = _samples(self._projected(self.shadow), fine, shape)
             dark[y, x] = 1
-            image[..., 3] = 0.28 * gaussian_filter(_mean(dark[..., None], fine)[..., 0], 0.1 * axes.figure.dpi)
+            image[..., 3] = 0.28 * _blurred(_mean(dark[..., None], fine)[..., 0], 0.1 * axes.figure.dpi)
         solid = _mean(solid, fine)
         # The solid over its shadow, which is black; then with colours that are not multiplied by their opacity.
         image = solid + (1 - solid[..., 3:]) * image
@@ -759,6 +758,15 @@ class _Meshes(Artist):
         picture.set_data((255 * np.clip(image, 0, 1)).astype(np.uint8))
         picture.set_figure(axes.figure)
         picture.draw(renderer)
+
+
+def _blurred(image: np.ndarray, width: float) -> np.ndarray:
+    """With a Gaussian of this standard deviation, in pixels; outside of the image is nothing."""
+    beyond = int(4 * width)
+    wide = np.pad(image, ((0, beyond), (0, beyond)))
+    y, x = np.fft.fftfreq(wide.shape[0])[:, None], np.fft.rfftfreq(wide.shape[1])
+    passed = np.exp(-2 * (np.pi * width) ** 2 * (x**2 + y**2))
+    return np.fft.irfft2(np.fft.rfft2(wide) * passed, wide.shape)[: image.shape[0], : image.shape[1]]
 
 
 def _samples(corners: np.ndarray, fine: int, shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
