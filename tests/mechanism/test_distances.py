@@ -335,8 +335,7 @@ def test_derivatives_are_finite_everywhere(kinds):
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(again))
 
 
-@pytest.mark.slow
-@of_pairs(*OF_CYLINDERS)
+@of_pairs(OF_CYLINDERS[0], pytest.param(OF_CYLINDERS[1], marks=pytest.mark.slow))
 def test_slopes_of_cylinders_are_differences(kinds):
     """By placements and sizes, compiled: apart and inside one another."""
     with jax.enable_x64(True):
