@@ -57,7 +57,10 @@ LONGEST = (
 # Here XLA compiles what callers write around our programs, and what is compared are formulas, within limits, or
 # programs with one another: for them it compiles in a third of the time. Programs themselves are machine code of our
 # own all the same. Distances of shapes are no programs: their errors are held as XLA compiles them for users.
-COMPILED_SOON = ("contact", "dynamics", "interop", "mechanism", "peers", "test_export.py", "test_viewer.py")
+COMPILED_SOON = (
+    "contact", "dynamics", "inertia", "interop", "mechanism", "peers", "spatial/test_left_out.py",
+    "spatial/test_quantities.py", "test_export.py", "test_viewer.py",
+)  # fmt: skip
 COMPILED_AS_FOR_USERS = ("test_distances.py", "test_height_field.py", "test_signed_distances.py")
 
 
@@ -161,7 +164,8 @@ def forget_programs():
 @pytest.fixture(autouse=True, scope="module")
 def compiled(request, forget_programs):
     """As users do, or soon."""
-    if request.path.relative_to(HERE).parts[0] in COMPILED_SOON and request.path.name not in COMPILED_AS_FOR_USERS:
+    path = request.path.relative_to(HERE)
+    if {path.parts[0], path.as_posix()} & {*COMPILED_SOON} and path.name not in COMPILED_AS_FOR_USERS:
         with compiled_soon():
             yield
     else:

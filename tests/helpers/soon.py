@@ -44,7 +44,21 @@ def compiled_soon(and_runs_long=False):
         jax.config.update(_MOST, before)
 
 
+@contextlib.contextmanager
+def compiled_as_for_users():
+    """For one test, in a file whose programs are compiled soon."""
+    jax.clear_caches()
+    before = jax.config.values[_MOST]
+    jax.config.update(_MOST, False)
+    try:
+        with mock.patch.object(compiler, "get_compile_options", _GIVEN):
+            yield
+    finally:
+        jax.config.update(_MOST, before)
+
+
 _MOST = "jax_disable_most_optimizations"
+_GIVEN = compiler.get_compile_options
 
 
 def environment():

@@ -22,6 +22,7 @@ from jaxspatial.numerics.promise import EXACT
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
 from tests.helpers.operation import violations
+from tests.helpers.soon import compiled_as_for_users
 
 ZERO = Sized(Fraction(0))
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
@@ -402,6 +403,7 @@ def test_two_links_move_as_dense_algebra_says():
 # -- transformations, trees, messages ---------------------------------------------------------------------------------
 
 
+@compiled_as_for_users()
 def test_batches_transformations_and_derivatives():
     """Compiled for one item and mapped, a chain of operations has the bits of NumPy; its tangents are differences of
     it, its pull-back is the transpose of them."""

@@ -18,6 +18,7 @@ from jaxspatial.measure.error import rationals, sized
 from tests.helpers.exact_inertia import exactly, matrix, random_inertia, six_of, steiner
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow_but
+from tests.helpers.soon import compiled_as_for_users
 
 DTYPES = ("float16", "bfloat16", "float32", "float64")
 MATRIX = np.array([[2.0, 0.1, -0.2], [0.1, 2.3, 0.3], [-0.2, 0.3, 2.4]])
@@ -481,6 +482,7 @@ def _sum_of_all(name, M):
 
 
 @pytest.mark.parametrize("name", slow_but(FEW, FUNCTIONS))
+@compiled_as_for_users()
 def test_transformations(name):
     """The same bits in NumPy, and compiled for one item mapped over two axes; a derivative that is finite
     everywhere."""

@@ -20,6 +20,7 @@ from jaxspatial.measure.error import rationals, unit_roundoff
 from jaxspatial.numerics.formula import formula
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow
+from tests.helpers.soon import compiled_as_for_users
 
 CORNERS = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
 BOX = np.array(
@@ -225,6 +226,7 @@ def exactly_moved(points, direction, step, faces):
     return np.array([central[i, j] for i, j in PAIRS])
 
 
+@compiled_as_for_users()
 def test_batches_and_transformations():
     rng = np.random.default_rng(7)
     points, faces = globe(rng, 1, 0.2)

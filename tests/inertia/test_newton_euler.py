@@ -26,6 +26,7 @@ from jaxspatial.measure.error import Sized, rationals, sized
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
+from tests.helpers.soon import compiled_as_for_users
 
 LOWER = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2)]
 ZERO = Sized(Fraction(0))
@@ -215,6 +216,7 @@ def test_what_is_known_leaves_no_operation():
     assert count(SpatialInertia.point_mass([0.0, 0.0, 0.0], mass=1.0), w) == 0
 
 
+@compiled_as_for_users()
 def test_batches_transformations_and_derivatives():
     """Compiled for one item and mapped, the bits of NumPy; what is shared by a batch broadcasts; the force is linear in
     the acceleration."""

@@ -21,6 +21,7 @@ from jaxspatial.measure.error import Sized, attribute, rationals, sized
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
+from tests.helpers.soon import compiled_as_for_users
 
 PI = Sized(Fraction("3.14159265358979323846264338327950288419716939937510582097494459"))
 
@@ -292,6 +293,7 @@ def test_double_words():
     assert (abs(found - exact) <= Fraction(32, 2**48) * exact).all()
 
 
+@compiled_as_for_users()
 def test_vmap_and_jit_are_the_batch_bitwise():
     amount, lengths, axis = inputs("solid_capsule", "float32")
     formula = functools.partial(made, "solid_capsule", "density")

@@ -19,6 +19,7 @@ from jaxspatial.measure.error import rationals, unit_roundoff
 from tests.helpers.exact_inertia import exactly, is_positive_semidefinite, random_inertia, second_moments, steiner
 from tests.helpers.interpreted import evaluated, interpreted
 from tests.helpers.marks import slow, slow_but
+from tests.helpers.soon import compiled_as_for_users
 
 dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
 TYPES = list(itertools.product(["float32", "float64"], ["fast", "reproducible", "compensated", "faithful"]))
@@ -155,6 +156,7 @@ def test_double_words_keep_twice_the_digits():
 
 
 @pytest.mark.parametrize("axis", [0, *map(slow, (1, -1, -3))])
+@compiled_as_for_users()
 def test_axis(axis):
     """One program for a batch has the bits of NumPy, over the axis moved to the front, and one item after another."""
     M = random_inertia((4, 3, 5), "float32")
