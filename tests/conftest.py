@@ -58,8 +58,8 @@ LONGEST = (
 # programs with one another: for them it compiles in a third of the time. Programs themselves are machine code of our
 # own all the same. Distances of shapes are no programs: their errors are held as XLA compiles them for users.
 COMPILED_SOON = (
-    "contact", "dynamics", "inertia", "interop", "mechanism", "peers", "spatial/test_left_out.py",
-    "spatial/test_quantities.py", "test_export.py", "test_viewer.py",
+    "contact", "dynamics", "inertia", "interop", "mechanism", "peers", "spatial/test_errors.py",
+    "spatial/test_left_out.py", "spatial/test_quantities.py", "test_debug_nans.py", "test_export.py", "test_viewer.py",
 )  # fmt: skip
 COMPILED_AS_FOR_USERS = ("test_distances.py", "test_height_field.py", "test_signed_distances.py")
 
