@@ -571,8 +571,8 @@ def _lines_to_cylinder(precision: PrecisionName, c: Any, e: Any, half: Any, cyli
 
 @formula
 def _along_rim(c: Vector, e: Vector, half: Vector, side: Numbers) -> list[Any]:
-    """Of lines along unit vectors e through c: (t, m, numbers), with t and m across e, t across z too. Of a line and the
-    rim at one side of the cylinder the gap along cos(a) t + sin(a) m is
+    """Of lines along unit vectors e through c: (t, m, numbers), with t and m across e, t across z too. Of a line and
+    the rim at one side of the cylinder the gap along cos(a) t + sin(a) m is
 
         A cos(a) + B sin(a) - sqrt(r^2 cos^2(a) + b^2 sin^2(a))
 
@@ -646,6 +646,11 @@ def _gap_along(n: Vector, p: Vector, R: Matrix, half_a: Vector, half_b: Vector) 
     return [Vector(*(where(along < 0, -x, x) for x in n)), (gap,)]
 
 
+def _of_each(x: Any, batch: tuple[int, ...]) -> Any:
+    """With one more axis, over parts of each item."""
+    return jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :]
+
+
 def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: bool) -> _Features:
     """The closest of the edges of A and the cylinder, and of points on its rims and the box A.
 
@@ -656,7 +661,7 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     """
     R, p, half_a, half_b = _in_b(precision, a.pose, a.half, b.pose, b.half)
     batch, dtype = p.shape[:-1], np.dtype(p.dtype)
-    R_, center, own, other = (jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :] for x in (R, p, half_a, half_b))
+    R_, center, own, other = (_of_each(x, batch) for x in (R, p, half_a, half_b))
     axes, middles, corners = np.array([2]), np.zeros((1, 3), dtype), np.array([[0, 0, -1], [0, 0, 1]], dtype)
     if not is_line:
         axes, middles, corners = _AXES, _MIDDLES.astype(dtype), _CORNERS.astype(dtype)
@@ -676,7 +681,7 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     widest = jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1)[..., None, None]
     n, gap = (jnp.take_along_axis(x, widest, -2)[..., 0, :] for x in (normals, gaps))
     is_in = gap < NONE * float(check.finfo(dtype).eps)
-    moved = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
+    moved: Any = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
 
     centers = _placed(precision, Pose(R_, moved), own, middles)
     share, of_b, squares = _lines_to_cylinder(precision, centers, edges, lengths, other)

@@ -190,7 +190,7 @@ def test_distances_are_optima(kinds, alike, dtype):
 
 
 def gap(normal, a, b, i):
-    """The gap between items i along unit vectors (..., 3), by the points that are farthest along them: in longdouble."""
+    """The gap between items i along unit vectors (..., 3), by the farthest points along them, in longdouble."""
     total = 0.0
     n = np.asarray(normal, np.longdouble)
     for shape, sign in ((a, -1), (b, 1)):
@@ -232,8 +232,8 @@ def scale_of(shape, i):
 @pytest.mark.parametrize("alike", [False, True], ids=["any", "alike"])
 @pytest.mark.parametrize("dtype", [F32, F64])
 def test_distances_of_cylinders_are_optima(kinds, alike, dtype):
-    """No gap is wider than a distance. Along the normal it is as wide, and where shapes are apart, closest points are as
-    near: that is a proof. Inside no direction of many has a wider one."""
+    """No gap is wider than a distance. Along the normal it is as wide, and where shapes are apart, closest points are
+    as near: that is a proof. Inside no direction of many has a wider one."""
     n = 60
     with jax.enable_x64(dtype == F64):
         a, b = made(kinds, dtype, n, alike, 0.25)
@@ -352,9 +352,7 @@ def test_slopes_of_cylinders_are_differences(kinds):
             return js.distance(*jax.tree.unflatten(structure, moved))
 
         h = 1e-6
-        values, slopes = map(
-            np.asarray, jax.jit(jax.vmap(lambda s: jax.jvp(of, (s,), (1.0,))))(np.array([-h, 0, h]))
-        )
+        values, slopes = map(np.asarray, jax.jit(jax.vmap(lambda s: jax.jvp(of, (s,), (1.0,))))(np.array([-h, 0, h])))
     assert 5 < (values[1] < 0).sum() < 35
     np.testing.assert_allclose(slopes[1], (values[2] - values[0]) / (2 * h), rtol=0, atol=1e-7)
 
@@ -451,9 +449,13 @@ def test_over_a_half_space():
         np.testing.assert_allclose(cylinder.point_a @ n - 0.2, expected, rtol=0, atol=1e-14)
         np.testing.assert_allclose(interpreted(js.Cylinder(0.2, 0.8, X))(cylinder.point_a), 0, rtol=0, atol=1e-14)
         # Upright, any point of the rim is the deepest.
-        slope = jax.grad(lambda z: js.distance(js.Cylinder(0.2, 0.8, js.RigidTransform(
-            js.Rotation.identity((), F64), jnp.zeros(3).at[2].set(z))), js.HalfSpace(np.array([0.0, 0, 1]), 0.0)))  # fmt: skip
-        np.testing.assert_allclose(slope(0.7), 1, rtol=1e-15)
+        floor = js.HalfSpace(np.array([0.0, 0, 1]), 0.0)
+
+        def above(z):
+            X = js.RigidTransform(js.Rotation.identity((), F64), jnp.zeros(3).at[2].set(z))
+            return js.distance(js.Cylinder(0.2, 0.8, X), floor)
+
+        np.testing.assert_allclose(jax.grad(above)(0.7), 1, rtol=1e-15)
 
 
 @pytest.mark.slow
