@@ -26,8 +26,6 @@ ALLOWED = {"float64": 1e-12, "float32": 2e-5}
 # so many u times that, where it is more. Articulated bodies lose fewer.
 BY_INVERSE = dict.fromkeys(["mass matrix, solved", *(f"forward dynamics by {x}" for x in ("q", "v", "tau"))], 8)
 BY_INVERSE |= dict.fromkeys(["forward dynamics", "forward dynamics, pushed"], 1)
-# What is singular up to rounding has no inverse to compare.
-SINGULAR = 1e14
 # Of numbers that are zero here and rounding there, in SI units: Coriolis forces of rotors that are balanced.
 NOISE = 1e-15
 
@@ -179,8 +177,24 @@ class States:
         return max(limit, BY_INVERSE.get(what, 0) * float(np.finfo(self.dtype).epsneg) * self.condition)
 
     def compared(self):
-        """The algorithms that have a result."""
-        return [what for what in ALGORITHMS if what not in BY_INVERSE or self.condition < SINGULAR]
+        """The algorithms that have a result: what is singular up to rounding has no inverse to compare."""
+        return [what for what in ALGORITHMS if self.allowed(what) < 1]
+
+    def is_noise_of_theirs(self, what):
+        """Whether Pinocchio's result solves the same equations up to rounding, and ours is that of double words.
+
+        Pinocchio adds up Coriolis forces in world axes about the world's origin. Far from it, their rounding errors
+        move a joint that turns a few grams by more than its condition says.
+        """
+        if what not in BY_INVERSE:
+            return False
+        M, ours, theirs = self.pinocchios("mass matrix"), self.ours(what, is_compiled=False), self.pinocchios(what)
+        with js.default_precision("faithful"):
+            better = self.ours(what, is_compiled=False)
+        left = np.einsum("nij,nj...->ni...", M, ours - theirs)
+        sizes = np.einsum("nij,nj...->ni...", abs(M), abs(theirs))
+        limit = ALLOWED[self.dtype]
+        return abs(left).max() <= limit * sizes.max() and abs(ours - better).max() <= limit * abs(theirs).max()
 
     @functools.cached_property
     def condition(self):
