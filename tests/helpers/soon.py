@@ -4,6 +4,7 @@ examples compute. What is promised of bits and bounds is tested as users compile
 import contextlib
 import functools
 import os
+import threading
 from unittest import mock
 
 import jax
@@ -105,12 +106,14 @@ def compile_single_operations_soon():
 
 def share_contexts():
     """MLIR's context, which takes longer to make than most programs take to be lowered, is made once per call of the
-    function that this returns. A program that is needed while another is lowered has its own."""
+    function that this returns. A program that is needed while another is lowered has its own, and so have those that
+    are lowered in other threads."""
     given = mlir.make_ir_context
     shared = functools.cache(given)
 
     def make_ir_context():
-        return shared() if ir.Context.current is None else given()
+        is_alone = ir.Context.current is None and threading.current_thread() is threading.main_thread()
+        return shared() if is_alone else given()
 
     mlir.make_ir_context = make_ir_context
     return shared.cache_clear
