@@ -187,4 +187,5 @@ def main(arguments=None):
 
 
 if __name__ == "__main__":
+    jax.config.update("jax_enable_compilation_cache", False)  # seconds to compile are those of a first call
     sys.exit(main())
