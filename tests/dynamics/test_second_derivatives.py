@@ -47,7 +47,7 @@ def mechanism(name):
     bodies = [js.Body(f"body{i}", fields.inertia(rng)) for i in range(len(parts))]
     joints = [fields.joint(rng, i, *words) for i, words in enumerate(parts)]
     frames_ = [js.Frame(f"tool{i}", f"body{i}", fields.pose(rng)) for i in range(len(parts))]
-    mech = js.Mechanism.build(bodies, joints, frames_, rng.standard_normal(3), np.float64)
+    mech = js.Mechanism.build(bodies, joints, [*frames_, fields.POST], rng.standard_normal(3), np.float64)
     return mech.replace(lower=np.full(mech.nq, 0.3), upper=np.full(mech.nq, -0.2))
 
 
