@@ -228,7 +228,7 @@ class Rounded(Compared):
         """operand: the value to compute with, where that is behind a barrier; one of both may be left out."""
         self.precision = precision
         self.value = operand if value is None else value
-        self.operand = value if operand is None else operand
+        self.operand: Any = value if operand is None else operand
 
     @property
     def dtype(self) -> np.dtype:
@@ -278,8 +278,7 @@ class Rounded(Compared):
         return _COMPARISONS[comparison](a, b) if of_arrays else comparison(a, b)
 
     def sqrt(self) -> "Rounded":
-        operand: Any = self.operand
-        return Rounded(self.precision, np.sqrt(self.value) if is_known(self.value) else root(operand))
+        return Rounded(self.precision, np.sqrt(self.value) if is_known(self.value) else root(self.operand))
 
 
 jax.tree_util.register_dataclass(Rounded, data_fields=("operand",), meta_fields=("precision",))
