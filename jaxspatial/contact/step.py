@@ -124,8 +124,9 @@ def convex_step(
         mechanism: the mechanism, see `Mechanism`.
         q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         v: (*batch, nv) generalized velocities: rad/s, m/s.
-        tau: (*batch, nv) generalized forces of the joints, as they are at the start: N m, N. Damping c in tau is stable
-            while dt c is below twice the inertia of what the joint moves; damping of joints is for any c.
+        tau: (*batch, nv) generalized forces of the joints, which do not change within the step: N m, N. A damper -c v
+            in tau is stable only while dt c is below twice the inertia that the joint moves. As the `damping` of the
+            joint it is stable for every c.
         dt: the time, s: a number or (*batch,).
         external_forces: AppliedForces; a dict from frames to SpatialForces (*batch,) about their origins, in world
             axes; or a list of several of these, which add up. See `AppliedForces`.
@@ -137,16 +138,15 @@ def convex_step(
             finite there is no normal, and the result is NaN, outside of the ground too. None is the plane z = 0.
         pairs: (a, b): two PointContacts, of which sphere i of one touches sphere i of the other, on another body; or
             ShapeContacts and PointContacts, of which sphere i touches the shape on frame i. One of the two frames may
-            be of the world, such as that of a table that is welded to it. None for none. Both
-            surfaces give way: stiffnesses act in series, relaxation times add up, and friction is
-            2 mu mu' / (mu + mu'). The contact point is between the surfaces, as far from each as it gives way. Of
-            spheres with one centre that of b is pushed along z of the world, with the derivatives of a plane across z;
-            inside a shape along its normal, see there.
+            be of the world, such as that of a table that is welded to it. None for none. Both surfaces give way:
+            stiffnesses act in series, relaxation times add up, and friction is 2 mu mu' / (mu + mu'). The contact point
+            is between the surfaces, as far from each as it gives way. Of spheres with one centre that of b is pushed
+            along z of the world, with the derivatives of a plane across z; inside a shape along its normal, see there.
         loops: LoopClosures, such as `mechanism.loops`.
         precision: name of a precision; None takes the default.
 
     Returns:
-        ConvexStep over the common batch; NaN where something turns in a step by so much that u of it is a turn.
+        ConvexStep over the common batch. It is NaN where a joint turns by more than 1 / u rad in the step.
 
     Raises:
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while

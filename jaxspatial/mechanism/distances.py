@@ -182,9 +182,19 @@ def _lowest(X: Pose, n: Vector) -> Vector:
 
 @formula
 def _lowest_of_cylinder(X: Pose, n: Vector) -> Vector:
-    x, y, z = -(X.R.T @ n)
-    across, _ = direction(Vector(x, y, constant(x, 0)), axis=0)
-    return Vector(across.x, across.y, where(z < 0, constant(z, -1), 1.0))
+    down = -(X.R.T @ n)
+    x, y, _ = _horizontal(down)
+    return Vector(x, y, where(down.z < 0, constant(down.z, -1), 1.0))
+
+
+def _horizontal(v: Vector) -> Vector:
+    """The direction of (x, y, 0); x where both are zero."""
+    return direction(Vector(v.x, v.y, constant(v.x, 0)), axis=0)[0]
+
+
+def _level_across(v: Vector) -> Vector:
+    """The horizontal direction across v; x where v is upright."""
+    return _horizontal(Vector(-v.y, v.x, v.z))
 
 
 @formula
@@ -495,9 +505,18 @@ def _of_boxes(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
     corners_a, more = _point_to_box(precision, at, Pose(R_, moved), own)
     of_a = jnp.concatenate([of_a, corners_a], -2)
     of_b = jnp.concatenate([of_b, jnp.broadcast_to(corners, (*batch, 8, 3))], -2)
-    nearest = jnp.argmin(jnp.concatenate([squares, more], -2)[..., 0], -1)[..., None, None]
-    of_a, of_b = (jnp.take_along_axis(x, nearest, -2)[..., 0, :] for x in (of_a, of_b))
+    of_a, of_b = _nearest(jnp.concatenate([squares, more], -2), of_a, of_b)
     return _Features(of_a, of_b, n, is_in)
+
+
+def _nearest(squares: jax.Array, *several: jax.Array) -> list[jax.Array]:
+    """Of arrays (*batch, k, n) the rows (*batch, n) where the squared distance (*batch, k, 1) is least."""
+    return _rows(jnp.argmin(squares[..., 0], -1), *several)
+
+
+def _rows(which: jax.Array, *several: jax.Array) -> list[jax.Array]:
+    """Of arrays (*batch, k, n) the rows (*batch, n) of these numbers (*batch,)."""
+    return [jnp.take_along_axis(x, which[..., None, None], -2)[..., 0, :] for x in several]
 
 
 # -- lines and boxes beside cylinders ---------------------------------------------------------------------------------
@@ -578,7 +597,7 @@ def _along_rim(c: Vector, e: Vector, half: Vector, side: Numbers) -> list[Any]:
 
     for a between 0 and a right angle: numbers are A >= 0, B, r^2, b^2 and r^2 - b^2.
     """
-    t, _ = direction(Vector(-e.y, e.x, constant(e.x, 0)), axis=0)
+    t = _level_across(e)
     along = dot(c, t)
     t = Vector(*(where(along < 0, -x, x) for x in t))
     m = side[0] * cross(e, t)
@@ -620,20 +639,13 @@ def _of_rims(precision: PrecisionName, c: Any, e: Any, half: Any) -> Any:
     return _between_directions(precision, t, m, x)
 
 
-@formula
-def _horizontal(v: Vector) -> Vector:
-    return direction(Vector(v.x, v.y, constant(v.x, 0)), axis=0)[0]
+_horizontals, _levels_across = formula(_horizontal), formula(_level_across)
 
 
 @formula
 def _on_rims(v: Vector, sides: Numbers) -> Vector:
-    x, y, _ = direction(Vector(v.x, v.y, constant(v.x, 0)), axis=0)[0]
+    x, y, _ = _horizontal(v)
     return Vector(sides[0] * x, sides[0] * y, sides[1])
-
-
-@formula
-def _across_axis(e: Vector) -> Vector:
-    return direction(Vector(-e.y, e.x, constant(e.x, 0)), axis=0)[0]
 
 
 @formula
@@ -670,16 +682,15 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     lengths = jnp.stack([half_a[..., k : k + 1] for k in axes], -2)
 
     faces = [jnp.broadcast_to(np.array([0, 0, 1], dtype), p.shape), *(() if is_line else columns)]
-    across = _across_axis(precision, jnp.stack([columns[k] for k in sorted(set(axes.tolist()))], -2))
-    to_corners = _horizontal(precision, _placed(precision, Pose(R_, center), own, corners))
+    across = _levels_across(precision, jnp.stack([columns[k] for k in sorted(set(axes.tolist()))], -2))
+    to_corners = _horizontals(precision, _placed(precision, Pose(R_, center), own, corners))
     of_rims = _of_rims(precision, _placed(precision, Pose(R_, center), own, middles), edges, other)
     normals = jnp.concatenate([jnp.stack(faces, -2), across, to_corners, of_rims], -2)
     normals, gaps = _gap_along(precision, normals, center, R_, own, other)
     # Rounding errors do not choose an edge in place of a face.
     is_face = np.arange(gaps.shape[-2]) < len(faces)
     margin = is_face * dtype.type(NONE * float(check.finfo(dtype).eps))
-    widest = jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1)[..., None, None]
-    n, gap = (jnp.take_along_axis(x, widest, -2)[..., 0, :] for x in (normals, gaps))
+    n, gap = _rows(jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1), normals, gaps)
     is_in = gap < NONE * float(check.finfo(dtype).eps)
     moved: Any = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
 
@@ -693,8 +704,7 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
         rims = _on_rims(precision, jnp.concatenate([jnp.stack(columns, -2)] * 4, -2), sides)
         shares, more = _point_to_box(precision, rims * other, Pose(R_, moved), own)
         of_a, of_b, squares = (jnp.concatenate(x, -2) for x in ((of_a, shares), (of_b, rims), (squares, more)))
-    nearest = jnp.argmin(squares[..., 0], -1)[..., None, None]
-    of_a, of_b = (jnp.take_along_axis(x, nearest, -2)[..., 0, :] for x in (of_a, of_b))
+    of_a, of_b = _nearest(squares, of_a, of_b)
     return _Features(of_a, of_b, _away(precision, b.pose.R, n), is_in.astype(dtype))
 
 

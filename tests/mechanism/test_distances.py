@@ -156,11 +156,9 @@ def of_pairs(*kinds):
 each_pair = of_pairs(*PAIRS)
 
 
-@each_pair
-@pytest.mark.parametrize("alike", [False, True], ids=["any", "alike"])
-@pytest.mark.parametrize("dtype", [F32, F64])
-def test_distances_are_optima(kinds, alike, dtype):
-    """Apart and inside one another, parallel, nearly so, crossing, and without any length."""
+def closest(kinds, dtype, alike):
+    """(a, b, their closest points) of 60 items, of which holds what is said of all shapes: the distance alone is the
+    same, points are along the normal, and where shapes are apart, on the surfaces."""
     with jax.enable_x64(dtype == F64):
         a, b = made(kinds, dtype, 60, alike, 0.25)
         found = interpreted(js.closest_points)(a, b)
@@ -168,6 +166,21 @@ def test_distances_are_optima(kinds, alike, dtype):
         on = [interpreted(lambda p, s=s: s(p))(p) for s, p in ((a, found.point_a), (b, found.point_b))]
     np.testing.assert_array_equal(alone, found.distance)
     assert found.distance.dtype == dtype
+    u = np.finfo(dtype).eps / 2
+    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1, rtol=0, atol=8 * u)
+    w = found.point_b.astype(float) - found.point_a
+    np.testing.assert_allclose(w, found.distance[:, None].astype(float) * found.normal, rtol=0, atol=64 * u)
+    for own in on:
+        assert abs(own[found.distance > 0]).max() < 64 * u
+    return a, b, found
+
+
+@each_pair
+@pytest.mark.parametrize("alike", [False, True], ids=["any", "alike"])
+@pytest.mark.parametrize("dtype", [F32, F64])
+def test_distances_are_optima(kinds, alike, dtype):
+    """Apart and inside one another, parallel, nearly so, crossing, and without any length."""
+    a, b, found = closest(kinds, dtype, alike)
     u = np.finfo(dtype).eps / 2
     # The reference has errors of its own.
     worst, inside = 0.0, 0
@@ -181,12 +194,6 @@ def test_distances_are_optima(kinds, alike, dtype):
         inside += r < 0
     assert worst <= 1, worst
     assert 5 < inside < 55
-    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1, rtol=0, atol=8 * u)
-    w = found.point_b.astype(float) - found.point_a
-    np.testing.assert_allclose(w, found.distance[:, None].astype(float) * found.normal, rtol=0, atol=64 * u)
-    # They are on the surfaces: of a the point is as far from b as the distance, where they are apart.
-    for own in on:
-        assert abs(own[found.distance > 0]).max() < 64 * u
 
 
 def gap(normal, a, b, i):
@@ -234,18 +241,11 @@ def scale_of(shape, i):
 def test_distances_of_cylinders_are_optima(kinds, alike, dtype):
     """No gap is wider than a distance. Along the normal it is as wide, and where shapes are apart, closest points are
     as near: that is a proof. Inside no direction of many has a wider one."""
-    n = 60
-    with jax.enable_x64(dtype == F64):
-        a, b = made(kinds, dtype, n, alike, 0.25)
-        found = interpreted(js.closest_points)(a, b)
-        alone = interpreted(js.distance)(a, b)
-        on = [interpreted(lambda p, s=s: s(p))(p) for s, p in ((a, found.point_a), (b, found.point_b))]
-    np.testing.assert_array_equal(alone, found.distance)
-    assert found.distance.dtype == dtype
+    a, b, found = closest(kinds, dtype, alike)
     u = np.finfo(dtype).eps / 2
     p = [np.asarray(x.placement.translation, float) for x in (a, b)]
     worst, inside = 0.0, 0
-    for i in range(n):
+    for i in range(60):
         scale = np.linalg.norm(p[1][i] - p[0][i]) + scale_of(a, i) + scale_of(b, i)
         bound = 64 * u * scale + 4 * u * (np.linalg.norm(p[0][i]) + np.linalg.norm(p[1][i]))
         d, normal = float(found.distance[i]), np.asarray(found.normal[i], np.longdouble)
@@ -258,11 +258,6 @@ def test_distances_of_cylinders_are_optima(kinds, alike, dtype):
             assert widest(a, b, i) <= d + bound
     assert worst <= 1, worst
     assert 5 < inside < 55
-    np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1, rtol=0, atol=8 * u)
-    w = found.point_b.astype(float) - found.point_a
-    np.testing.assert_allclose(w, found.distance[:, None].astype(float) * found.normal, rtol=0, atol=64 * u)
-    for own in on:
-        assert abs(own[found.distance > 0]).max() < 64 * u
 
 
 @pytest.mark.parametrize("dtype", [F32, F64])
@@ -286,6 +281,22 @@ def test_lines_that_are_nearly_parallel(dtype):
     assert worst < 64 * np.finfo(dtype).eps / 2
 
 
+def line(a, b):
+    """(a, b) as a function of one number, along which all placements and sizes move."""
+    leaves, structure = jax.tree.flatten((a, b))
+    rng = np.random.default_rng(1)
+    along = [rng.normal(size=(*x.shape[:-1], 3) if x.shape[-1] == 9 else x.shape) for x in leaves]
+
+    def moved(s):
+        numbers = [
+            (js.Rotation.exp(s * y) @ js.Rotation(x)).entries if x.shape[-1] == 9 else x + s * y
+            for x, y in zip(leaves, along, strict=True)
+        ]
+        return jax.tree.unflatten(structure, numbers)
+
+    return moved
+
+
 each_of_all = of_pairs(*PAIRS, *(pytest.param(x, marks=pytest.mark.slow) for x in OF_CYLINDERS))
 
 
@@ -294,16 +305,10 @@ def test_derivatives_are_differences(kinds):
     """By placements and sizes: first and second derivatives, of distances, and of closest points where they are one."""
     with jax.enable_x64(True):
         a, b = made(kinds, F64, 12, seed=3)
-        leaves, structure = jax.tree.flatten((a, b))
-        rng = np.random.default_rng(1)
-        along = [rng.normal(size=(*x.shape[:-1], 3) if x.shape[-1] == 9 else x.shape) for x in leaves]
+        moved = line(a, b)
 
         def of(s):
-            moved = [
-                (js.Rotation.exp(s * y) @ js.Rotation(x)).entries if x.shape[-1] == 9 else x + s * y
-                for x, y in zip(leaves, along, strict=True)
-            ]
-            return js.closest_points(*jax.tree.unflatten(structure, moved))
+            return js.closest_points(*moved(s))
 
         def slope(s):
             return jax.jvp(lambda s: of(s).distance, (s,), (1.0,))[1]
@@ -340,16 +345,10 @@ def test_slopes_of_cylinders_are_differences(kinds):
     """By placements and sizes, compiled: apart and inside one another."""
     with jax.enable_x64(True):
         a, b = made(kinds, F64, 40, seed=3, spread=0.3)
-        leaves, structure = jax.tree.flatten((a, b))
-        rng = np.random.default_rng(1)
-        along = [rng.normal(size=(*x.shape[:-1], 3) if x.shape[-1] == 9 else x.shape) for x in leaves]
+        moved = line(a, b)
 
         def of(s):
-            moved = [
-                (js.Rotation.exp(s * y) @ js.Rotation(x)).entries if x.shape[-1] == 9 else x + s * y
-                for x, y in zip(leaves, along, strict=True)
-            ]
-            return js.distance(*jax.tree.unflatten(structure, moved))
+            return js.distance(*moved(s))
 
         h = 1e-6
         values, slopes = map(np.asarray, jax.jit(jax.vmap(lambda s: jax.jvp(of, (s,), (1.0,))))(np.array([-h, 0, h])))
