@@ -5,7 +5,7 @@
 
 Prints what each algorithm costs to trace, to compile and to run, and every claim of `dynamics_claims.py`; exit status 1
 with the list of those that are not met. `--write` renews the table and the picture beside this file. Needs
-jaxspatial[benchmarks] and g++, which takes minutes for Pinocchio's headers, once: libraries are kept in `--folder`.
+jaxspatial[peers] and g++, which takes minutes for Pinocchio's headers, once: libraries are kept in `--folder`.
 
 Every run is compared with the ratios to Pinocchio of the last good one, in `dynamics_ratios.json`: a row that fell by
 more than a tenth is told, with both numbers, and makes the exit status 1. `--write` renews that file too, where nothing
