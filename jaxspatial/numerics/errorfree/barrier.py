@@ -150,17 +150,20 @@ def _to_its_own_format(context, x) -> Sequence:
     return [stablehlo.reduce_precision(x, mlir.i32_attr(info.nexp), mlir.i32_attr(info.nmant))]
 
 
+def _lowered(function: Callable[..., Array]):
+    return lower_fun(function, multiple_results=False)
+
+
 def _identity(name: str, lower: Callable[[Array], Array]):
     """A primitive that changes nothing, and neither do its derivatives."""
 
-    def jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
-        result, (tangent,) = primitive.bind(*primals), tangents
-        return result, no_tangent(result) if is_zero(tangent) else primitive.bind(tangent)
+    def tangent(result: Array, _, tangents: Sequence) -> Tangent:
+        return no_tangent(result) if is_zero(tangents[0]) else primitive.bind(*tangents)
 
     def transpose(cotangent, _) -> list:
         return [None if is_zero(cotangent) else primitive.bind(cotangent)]
 
-    primitive = elementwise(name, lax.neg_p, lower_fun(lower, multiple_results=False), jvp, transpose)
+    primitive = elementwise(name, lax.neg_p, _lowered(lower), transpose=transpose, tangent=tangent)
     return primitive
 
 
@@ -194,17 +197,17 @@ def _of_fixed(name: str, operation: Callable[[Array, Array], Array], like, signe
     def lowered(a: Array, b: Array) -> Array:
         return no_reassociation(operation(*over_one_shape(a, b)))
 
-    def jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
-        result, (da, db) = primitive.bind(*primals), tangents
+    def tangent(result: Array, _, tangents: Sequence) -> Tangent:
+        da, db = tangents
         if is_zero(da):
-            return result, no_tangent(result) if is_zero(db) else signed(db)
-        return result, da if is_zero(db) else _bound(primitive, da, db)
+            return no_tangent(result) if is_zero(db) else signed(db)
+        return da if is_zero(db) else _bound(primitive, da, db)
 
     def transpose(cotangent, a, b) -> list:
         wanted = [ad.is_undefined_primal(x) and not is_zero(cotangent) for x in (a, b)]
         return [cotangent if wanted[0] else None, signed(cotangent) if wanted[1] else None]
 
-    primitive = elementwise(name, like, lower_fun(lowered, multiple_results=False), jvp, transpose)
+    primitive = elementwise(name, like, _lowered(lowered), transpose=transpose, tangent=tangent)
     return primitive
 
 
@@ -274,11 +277,6 @@ def _rounded_root(x: Array):
     return no_fma(lax.sqrt(x))
 
 
-def _product_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
-    result = product(*primals)
-    return result, product_tangent(result, primals, tangents)
-
-
 def product_tangent(result: Array, primals: Sequence[Array], tangents: Sequence):
     """da b + a db, of tangents that may be known to be zero."""
     (a, b), (da, db) = primals, tangents
@@ -315,16 +313,12 @@ def _quotient_transpose(cotangent, _, b: Array) -> list[Array | None]:
     return [None if is_zero(cotangent) else quotient(cotangent, b), None]
 
 
-def _lowered(function: Callable[..., Array]):
-    return lower_fun(function, multiple_results=False)
-
-
 _product_p = elementwise(
     "product",
     lax.mul_p,
     _lowered(lambda a, b: no_fma(lax.mul(*over_one_shape(a, b)))),
-    _product_jvp,
-    _product_transpose,
+    transpose=_product_transpose,
+    tangent=product_tangent,
 )
 _quotient_p = elementwise("quotient", lax.div_p, _lowered(_rounded_quotient), _quotient_jvp, _quotient_transpose)
 _root_p = elementwise("root", lax.sqrt_p, _lowered(lax.sqrt), _root_jvp)

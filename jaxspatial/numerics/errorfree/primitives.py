@@ -11,7 +11,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.numerics.jax_internals import ClosedJaxpr, Primitive, ShapedArray, ad, batching, mlir, set_xla_metadata
+from jaxspatial.numerics.jax_internals import (
+    ClosedJaxpr,
+    Primitive,
+    ShapedArray,
+    ad,
+    batching,
+    def_linearization,
+    mlir,
+    set_xla_metadata,
+)
 
 Rule = Callable[..., Any]
 Tangent = Array | ad.Zero
@@ -21,10 +30,19 @@ lower_fun = cast(Rule, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
 
-def elementwise(name: str, like, lower: Rule, jvp: Rule, transpose: Rule | None = None, n_results: int | None = None):
+def elementwise(
+    name: str,
+    like,
+    lower: Rule,
+    jvp: Rule | None = None,
+    transpose: Rule | None = None,
+    tangent: Rule | None = None,
+    n_results: int | None = None,
+):
     """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
 
     One of these may be a number without a shape: it stands for as many as the other has, see `over_one_shape`.
+    tangent: tangent(result, primals, tangents) in place of jvp, where all that it computes is linear in the tangents.
     n_results: how many arrays a list of results has; None for one array.
     """
     primitive = Primitive(f"jaxspatial_{name}")
@@ -45,11 +63,20 @@ def elementwise(name: str, like, lower: Rule, jvp: Rule, transpose: Rule | None 
     primitive.def_abstract_eval(abstract)
     primitive.def_impl(compiled(primitive))
     mlir.register_lowering(primitive, lower)
-    ad.primitive_jvps[primitive] = jvp
+    if tangent:
+        ad.primitive_jvps[primitive] = functools.partial(_jvp, primitive, tangent)
+        def_linearization(primitive, tangent)
+    elif jvp:
+        ad.primitive_jvps[primitive] = jvp
     if transpose:
         ad.primitive_transposes[primitive] = transpose
     batching.primitive_batchers[primitive] = batch
     return primitive
+
+
+def _jvp(primitive, tangent: Rule, primals: Sequence[Array], tangents: Sequence):
+    result = primitive.bind(*primals)
+    return result, tangent(result, primals, tangents)
 
 
 def compiled(primitive, **parameters) -> Callable:

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
+from jax.interpreters import ad
 
 import jaxspatial as js
 from jaxspatial.measure.error import rationals
@@ -20,6 +21,20 @@ N = 50
 
 def numbers(k, dtype="float64"):
     return np.random.default_rng(0).standard_normal((k, N)).astype(dtype)
+
+
+LINEAR = {"product": product, "sum": fixed_sum, "difference": difference, "barrier": lambda a, _: barrier(a)}
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_pull_backs_do_not_trace_the_jvp_of_each_operation(name, monkeypatch):
+    """They are linearized at once, which takes a part of the time, and have the bits of the jvp."""
+    operation, (a, b) = LINEAR[name], (jnp.float32([3.0, 0.1]), jnp.float32([0.7, -5.0]))
+    _, expected = jax.jvp(operation, (a, b), (jnp.ones_like(a), jnp.zeros_like(b)))
+    (equation,) = jax.make_jaxpr(operation)(a, b).eqns
+    monkeypatch.delitem(ad.primitive_jvps, equation.primitive)
+    _, pull_back = jax.vjp(operation, a, b)
+    np.testing.assert_array_equal(pull_back(jnp.ones_like(a))[0], expected)
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
