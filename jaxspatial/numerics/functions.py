@@ -78,8 +78,10 @@ def _of_data(coefficients: tuple[Fraction, ...], precision: Precision) -> Callab
     def jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
         (x,), (dx,) = primals, tangents
         slope = _polynomial(tuple(n * c for n, c in enumerate(coefficients))[1:])
-        rate = slope(Rounded(precision, x)) * Rounded(precision, dx)
-        return value(x), rate.value
+        # JAX comes here when it differentiates, where the caller's types hold; of a float32, x may be in float64.
+        with jax.enable_x64(True):
+            rate = slope(Rounded(precision, x)) * Rounded(precision, dx)
+            return value(x), rate.value
 
     return lambda x: Rounded(precision, value(x.value))
 

@@ -6,12 +6,15 @@ tests of each operation.
 
 import functools
 
+import chex
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jaxspatial.measure.error import unit_roundoff
-from tests.helpers.marks import slow
+from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow, slow_but
 from tests.helpers.operation import violations
 from tests.helpers.operations import BOUNDED, OPERATIONS, OTHER_REPRESENTATIVES, REPRESENTATIVES, SUMS
 from tests.laws import cases
@@ -96,3 +99,25 @@ def _assert_within_bounds(program, names, precision):
         for array, exact, bound in zip(results[name], sized(name), OPERATIONS[name].bounds, strict=True):
             assert array.dtype == np.float32
             assert not violations(bound, precision, array, exact).any(), (name, bound)
+
+
+# Their formulas are differentiated by rules of their own, which JAX calls where the types of the caller hold.
+WITH_RULES = ["exp", "log", "from_roll_pitch_yaw", "left_jacobian", "exp_of_motion", "to_log_cholesky"]
+
+
+@pytest.mark.parametrize("name", slow_but(WITH_RULES, list(OPERATIONS)))
+def test_derivatives_of_numbers_computed_in_64_bits_need_no_64_bit_types(name):
+    """Of float32 "compensated" and "faithful" compute in float64."""
+    operation = OPERATIONS[name]
+    arrays = operation.arrays((3,), np.float32)
+    floats = tuple(i for i, x in enumerate(arrays) if jnp.issubdtype(x.dtype, jnp.floating))
+
+    def total(*arrays):
+        results = jax.tree.leaves(operation.on_arrays("compensated")(*arrays))
+        return sum((y.sum() for y in results if y.dtype == np.float32), jnp.float32(0))
+
+    found = []
+    for types in (False, True):
+        with jax.enable_x64(types):
+            found.append(interpreted(jax.grad(total, floats))(*arrays))
+    chex.assert_trees_all_equal(*found)
