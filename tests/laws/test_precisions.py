@@ -6,7 +6,6 @@ tests of each operation.
 
 import functools
 
-import chex
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -107,7 +106,7 @@ WITH_RULES = ["exp", "log", "from_roll_pitch_yaw", "left_jacobian", "exp_of_moti
 
 @pytest.mark.parametrize("name", slow_but(WITH_RULES, list(OPERATIONS)))
 def test_derivatives_of_numbers_computed_in_64_bits_need_no_64_bit_types(name):
-    """Of float32 "compensated" and "faithful" compute in float64."""
+    """Of float32 "compensated" and "faithful" compute in float64. The order in which cotangents are added may differ."""
     operation = OPERATIONS[name]
     arrays = operation.arrays((3,), np.float32)
     floats = tuple(i for i, x in enumerate(arrays) if jnp.issubdtype(x.dtype, jnp.floating))
@@ -120,4 +119,5 @@ def test_derivatives_of_numbers_computed_in_64_bits_need_no_64_bit_types(name):
     for types in (False, True):
         with jax.enable_x64(types):
             found.append(interpreted(jax.grad(total, floats))(*arrays))
-    chex.assert_trees_all_equal(*found)
+    for x, y in zip(*found, strict=True):
+        np.testing.assert_allclose(x, y, rtol=0, atol=2 * float(unit_roundoff("float32")) * abs(y).max())
