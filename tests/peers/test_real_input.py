@@ -84,7 +84,7 @@ def shifted_by_the_command(path):
     """Runs the command on the file; returns the path of the file it has written beside it."""
     package = str(pathlib.Path(js.__file__).parents[1])
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join([package, os.environ.get("PYTHONPATH", "")])}
-    command = [sys.executable, "-m", "jaxspatial", path.name, "--offset", *map(str, OFFSET)]
+    command = [sys.executable, "-m", "jaxspatial", "shift", path.name, "--offset", *map(str, OFFSET)]
     done = subprocess.run(command, cwd=path.parent, env=environment, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stdout + done.stderr
     return path.with_name(f"{path.stem}_shifted{path.suffix}")
