@@ -156,7 +156,7 @@ _OF_URDF = {
 
 
 def cleaned(data):
-    """A URDF without the words that urdfdom does not take, and with those that it asks for."""
+    """A URDF without the words that urdfdom does not take, and with those that it asks for; it has a link "world"."""
     import lxml.etree as etree
 
     parser = etree.XMLParser(recover=True, remove_comments=True, remove_pis=True)
@@ -172,6 +172,9 @@ def cleaned(data):
         for name in set(element.attrib) - _OF_URDF[element.tag]:
             del element.attrib[name]
     root.set("name", root.get("name") or "robot")
+    links = [link.get("name") for link in root.iter("link")]
+    if "world" not in links and any(parent.get("link") == "world" for parent in root.iter("parent")):
+        etree.SubElement(root, "link", name="world")
     for link in root.iter("link"):
         for inertial in link.findall("inertial"):
             if inertial.find("inertia") is None:
@@ -313,9 +316,9 @@ def _with_mujoco(file, mech):
 HEAD = """# Model files of public packages
 
 Written by `tests/benchmarks/model_files.py`, which says what is compared, and how. Of every source: its files, those
-that the peer reads ({peers}; of URDF once words that are no part of the format are cut), those that load here, those of
-which both can be compared, and the largest relative error of these. Where files were only loaded (`--loads`) the peer
-was not asked.
+that the peer reads ({peers}; of URDF once words that are no part of the format are cut and the link "world" is
+declared), those that load here, those of which both can be compared, and the largest relative error of these. Where
+files were only loaded (`--loads`) the peer was not asked.
 """
 
 

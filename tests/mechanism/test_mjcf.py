@@ -3,6 +3,7 @@
 The numbers of motions are compared with MuJoCo's in `peers/test_dynamics_mujoco.py`.
 """
 
+import copy
 import pathlib
 import re
 
@@ -395,10 +396,6 @@ MISSED = {
     "rubbing tendon": (
         _tendon('frictionloss="2"'), {"frictionloss of a tendon": ("tendon_0",)}, "line 18: <fixed .*frictionloss"
     ),
-    "free joint that rubs": (
-        ("</worldbody>", '<body><joint name="f" type="free" frictionloss="1"/><geom size="1"/></body></worldbody>'),
-        {"frictionloss of a free joint": ("f",)}, 'line 17: <joint name="f">: frictionloss',
-    ),
 }  # fmt: skip
 
 
@@ -540,12 +537,53 @@ def test_numbers_of_a_free_joint():
     mech = js.Mechanism.from_mjcf(model)
     np.testing.assert_array_equal(mech.armature, [1, 2, 3, 0.75, 0.75, 0.75])
     np.testing.assert_array_equal(mech.damping, [5, 6, 7, 4, 4, 4])
-    for name, usual in (("armature", 0.75), ("damping", 4)):
-        numbers = getattr(model, f"dof_{name}")
-        numbers[1] = 9
-        with pytest.raises(ValueError, match=f"{name}: expected one number for all linear velocities, got .*9"):
-            js.Mechanism.from_mjcf(model)
-        numbers[1] = usual
+    # Numbers of each axis, or friction, are those of slides along the axes of the world and a ball.
+    for name, field in (("armature", "armature"), ("damping", "damping"), ("frictionloss", "friction_loss")):
+        changed_model = copy.copy(model)
+        getattr(changed_model, f"dof_{name}")[:] = 9, 8, 7, 6, 5, 4
+        mech = js.Mechanism.from_mjcf(changed_model)
+        assert mech.topology.kinds == ("prismatic",) * 3 + ("ball",)
+        np.testing.assert_array_equal(getattr(mech, field), [9, 8, 7, 6, 5, 4])
+
+
+RUBBING = alone('<joint name="f" type="free" frictionloss="1" stiffness="2"/><geom size="1"/>').replace(
+    "<body>", '<body name="a" pos="1 2 3" quat="0 1 0 0">'
+)
+
+
+def test_a_free_joint_that_rubs():
+    """Is slides and a ball, also where all is refused that is left out; one whose friction is switched off is free."""
+    for source in (RUBBING, mujoco.MjModel.from_xml_string(RUBBING), mujoco.MjSpec.from_string(RUBBING)):
+        with pytest.warns(ModelFileWarning) as found:
+            mech = js.Mechanism.from_mjcf(source, strict=True)
+        read_as = "free joint read as slides NAME/x, NAME/y, NAME/z and a ball NAME/ball"
+        assert str(found[0].message) == f"from_mjcf: {read_as} (1: f)"
+        assert (found[0].message.doubtful, found[0].message.unknown) == ({read_as: ("f",)}, {})
+        assert mech.joint_names == ("f/x", "f/y", "f/z", "f/ball")
+        assert mech.body_names == ("a/f/x", "a/f/y", "a/f/z", "a")
+        np.testing.assert_array_equal(mech.axes[:3], np.eye(3))
+        np.testing.assert_array_equal(mech.friction_loss, [1] * 6)
+        np.testing.assert_array_equal(mech.stiffness, [2] * 6)
+        np.testing.assert_array_equal(mech.spring_references, [1, 2, 3, 0, 1, 0, 0])
+    key = '<keyframe><key name="k" qpos="3 2 1 0 0 1 0" qvel="1 2 3 4 5 6"/></keyframe></mujoco>'
+    frame = js.interop.mujoco.key_frames(mech, RUBBING.replace(END, key))["k"]
+    np.testing.assert_array_equal(frame.q, [3, 2, 1, 0, 0, 1, 0])
+    np.testing.assert_array_equal(frame.v, [1, 2, 3, 4, 5, 6])
+    np.testing.assert_array_equal(js.interop.mujoco.to_qpos(mech, frame.q), frame.q)
+    np.testing.assert_array_equal(mech.configuration({"f/ball": frame.q[3:], "f/z": 1.0})[2:], frame.q[2:])
+    with pytest.raises(KeyError, match="expected one of 'f/x', 'f/y', 'f/z', 'f/ball', got 'f'"):
+        mech.configuration({"f": frame.q})
+    off = RUBBING.replace("<worldbody>", '<option><flag frictionloss="disable"/></option><worldbody>')
+    assert js.Mechanism.from_mjcf(off).topology.kinds == ("free",)
+
+
+def test_what_is_made_of_a_free_joint_has_the_line_of_what_it_was():
+    """Bodies between the slides are those of the body, slides those of the joint."""
+    heavy = RUBBING.replace('<geom size="1"/>', '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>')
+    with pytest.raises(ValueError, match='^from_mjcf: line 1: <body name="a">: inertia: .* at most .* float32'):
+        js.Mechanism.from_mjcf(heavy.replace('mass="1"', 'mass="3e37"').replace('pos="0 0 0"', 'pos="0 0 9"'))
+    with pytest.raises(ValueError, match="^from_mjcf: line 1: <joint>: name: 'f/x' is made for another here"):
+        js.Mechanism.from_mjcf(RUBBING.replace("</body>", '<body><joint name="f/x"/><geom size="1"/></body></body>'))
 
 
 @pytest.mark.parametrize("package", ["mujoco", "lxml"])

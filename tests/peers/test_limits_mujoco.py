@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.interop import ModelFileWarning
+from jaxspatial.interop import mujoco as states
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -57,15 +59,17 @@ def test_what_hangs_on_limits_as_in_mujoco():
     np.testing.assert_allclose(bias, data.qfrc_constraint, rtol=0, atol=1e-4 * abs(bias).max())
 
 
-def test_slides_and_a_ball_rub_as_a_free_joint_does():
-    """What the page names in place of friction of a free joint: where it slides, MuJoCo's forces; else it stays."""
-    tail = '<geom type="box" size="0.15 0.1 0.05" mass="2"/></body></worldbody></mujoco>'
-    head = '<mujoco><option gravity="0 0 0"/><worldbody><body name="a">'
-    axes = zip("xyz", ("1 0 0", "0 1 0", "0 0 1"), strict=True)
-    slides = "".join(f'<joint name="{x}" type="slide" axis="{axis}" frictionloss="0.3"/>' for x, axis in axes)
-    mech = js.Mechanism.from_mjcf(f'{head}{slides}<joint type="ball" frictionloss="0.3"/>{tail}', dtype=np.float64)
+def read(text):
+    with pytest.warns(ModelFileWarning, match="free joint read as slides NAME/x, NAME/y, NAME/z and a ball NAME/ball"):
+        return js.Mechanism.from_mjcf(text, dtype=np.float64)
+
+
+def test_a_free_joint_rubs_along_the_axes_of_the_world():
+    """Where it slides or turns, with MuJoCo's forces; else it stays."""
+    text = """<mujoco><option gravity="0 0 0"/><worldbody><body name="a"><joint type="free" frictionloss="0.3"/>
+    <geom type="box" size="0.15 0.1 0.05" mass="2"/></body></worldbody></mujoco>"""
+    mech, model = read(text), mujoco.MjModel.from_xml_string(text)
     without = mech.replace(friction_loss=np.zeros(6))
-    model = mujoco.MjModel.from_xml_string(f'{head}<joint type="free" frictionloss="0.3"/>{tail}')
     data, rng, dt = mujoco.MjData(model), np.random.default_rng(0), 1e-3
     q, v, tau = rng.normal(size=(5, 7)), rng.normal(size=(5, 6)), np.zeros((5, 6))
     q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1, keepdims=True)
@@ -84,3 +88,45 @@ def test_slides_and_a_ball_rub_as_a_free_joint_does():
         np.testing.assert_allclose(found[i], data.qfrc_constraint, rtol=0, atol=1e-9)
     np.testing.assert_allclose(found[4], -tau[4], rtol=2e-3)
     assert abs(left[4]).max() <= 1e-3 * 0.5 * 0.3
+
+
+RUBBING = """<mujoco><option timestep="2e-4" gravity="1 2 -9"/><worldbody>
+<body name="a" pos="1 2 3" quat=".8 0 .6 0"><joint name="f" type="free" frictionloss="0.3" damping="0.2" armature="0.1"
+    stiffness="4"/>
+  <inertial pos="0.1 0.2 0.3" mass="2" diaginertia="0.1 0.12 0.15"/>
+  <body pos="0.3 0 0.1"><joint axis="1 2 0" damping="0.1"/>
+    <inertial pos="0 0.1 0.1" mass="1" diaginertia="0.02 0.03 0.02"/></body></body></worldbody></mujoco>"""
+
+
+def test_what_is_made_of_a_free_joint_that_rubs_moves_as_mujocos():
+    """M, bias and springs, with numbers of each axis, as a model can have them; and 500 steps, in which all of it
+    slides. States are MuJoCo's as they are."""
+    model = mujoco.MjModel.from_xml_string(RUBBING)
+    model.dof_armature[:6], model.dof_damping[:6] = np.arange(1, 7) / 20, np.arange(7, 1, -1) / 20
+    model.dof_frictionloss[:6] = np.arange(1, 7) / 16
+    mech, data, rng = read(model), mujoco.MjData(model), np.random.default_rng(1)
+    q, v = rng.normal(size=8), np.array([2, -3, 2.5, 4, -5, 6, 1])
+    q[3:7] /= np.linalg.norm(q[3:7])
+
+    def step(state, _):
+        after = js.convex_step(mech, *state, np.zeros(7), 2e-4)
+        return (after.q, after.v), (after.q, after.v)
+
+    def of_state(q, v):
+        forces = js.mass_matrix(mech, q), js.bias_forces(mech, q, v), js.passive_forces(mech, q, 0 * v)
+        return *forces, states.to_qpos(mech, q), states.to_qvel(mech, q, v)
+
+    M, bias, springs, *state = jax.jit(of_state)(q, v)
+    data.qpos[:], data.qvel[:], columns = q, v, np.zeros((7, 7))
+    mujoco.mj_forward(model, data)
+    for column, unit in zip(columns, np.eye(7), strict=True):
+        mujoco.mj_mulM(model, data, column, unit)
+    expected = columns, data.qfrc_bias, data.qfrc_spring, q, v
+    for found, theirs in zip((M, bias, springs, *state), expected, strict=True):
+        np.testing.assert_allclose(found, theirs, rtol=0, atol=1e-12 * abs(theirs).max())
+    Q, V = jax.jit(lambda s: jax.lax.scan(step, s, None, 500)[1])((jnp.asarray(q), jnp.asarray(v)))
+    for k in range(500):
+        mujoco.mj_step(model, data)
+        found = np.concatenate([Q[k], V[k]])
+        np.testing.assert_allclose(found, np.concatenate([data.qpos, data.qvel]), rtol=0, atol=1e-9)
+    assert (np.sign(V) == np.sign(v))[:, :6].all()

@@ -12,8 +12,8 @@ Springs, damping and friction of joints are numbers of the mechanism, see `passi
 
 What serves pictures, contact or control (geoms but for their mass, sensors, keyframes, actuators but for
 armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out. Drag of the medium,
-springs, damping and limits of ropes (spatial tendons), and friction of tendons and of free joints are left out, too;
-one `ModelFileWarning` lists them, and `strict=True` refuses them. Everything else that changes the motion and that a
+springs, damping and limits of ropes (spatial tendons), and friction of tendons are left out, too; one
+`ModelFileWarning` lists them, and `strict=True` refuses them. Everything else that changes the motion and that a
 mechanism cannot represent is refused, and so are numbers that are not finite or beyond the dtype. Messages have the
 line of the element, or of what holds it where it is in an attached model.
 
@@ -24,6 +24,11 @@ its origin: results then differ.
 
 Coordinates of hinges, slides and balls are MuJoCo's: zero is where `ref` is zero. A free joint has its quaternion
 first, and its linear velocity in the body's axes; a mimic has no coordinate. `interop.mujoco` converts.
+
+A free joint with `frictionloss` becomes the slides "<joint>/x", "<joint>/y" and "<joint>/z" along the axes of the world
+and the ball "<joint>/ball", as MuJoCo's friction acts along the axes of the world; the warning names the joint. Their
+coordinates and velocities are those of MuJoCo's free joint. The same is made of a free joint whose damping or armature
+differs from axis to axis, as it can in an MjModel.
 """
 
 import collections
@@ -302,11 +307,12 @@ class _File(ModelText):
         self.refuse_named(self.line(element), element.tag, self.name(what, i), reason)
 
     def refuse_part(self, what: str, name: str, reason: str) -> NoReturn:
-        """Refuses a part of the mechanism. "<body>/<joint>" is a body of ours, "<body>/<site>" a site that has the name
-        of a body; both are frames."""
-        body, _, last = name.rpartition("/")
-        of_frames = ("body", name), ("site", name), ("site", last), ("body", body)
-        for kind, candidate in {"body": of_frames[::3], "frame": of_frames}.get(what, ((what, name),)):
+        """Refuses a part of the mechanism. "<body>/<joint>" is a body of ours, "<joint>/x" a joint, "<body>/<site>" a
+        site that has the name of a body; bodies and sites are frames."""
+        kind = "body" if what == "frame" else what
+        own, *before = ((kind, start) for start in _starts(name))
+        sites = (("site", name), ("site", name.rpartition("/")[2])) if what == "frame" else ()
+        for kind, candidate in (own, *sites, *before):
             names = [self.name(kind, i) for i in range(len(self._array(kind)))]
             if candidate in names:
                 self.refuse(kind, names.index(candidate), reason)
@@ -341,6 +347,12 @@ class _File(ModelText):
         if what == "body":
             return [body[0] for body in bodies]
         return [e for body in bodies for part in body for e in _children(part, tags)]
+
+
+def _starts(name: str) -> list[str]:
+    """The name, and what is left of it before each "/" from the last one on."""
+    parts = name.split("/")
+    return ["/".join(parts[:k]) for k in range(len(parts), 0, -1)]
 
 
 def _bodies(element: Element) -> Iterator[Element]:
@@ -500,6 +512,8 @@ _NUMBERS = {
 }  # fmt: skip
 _OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
 _OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
+# How the warning lists free joints of which slides and a ball are made.
+SPLIT = "free joint read as slides NAME/x, NAME/y, NAME/z and a ball NAME/ball"
 _NOT_NEGATIVE = {"mass", "stiffness", "armature", "damping", "frictionloss"}
 
 
@@ -559,24 +573,12 @@ def _finite(file: _File):
 def _check_joints(file: _File):
     m, has_springs = file.model, file.has("SPRING", "PASSIVE")
     for j in range(m.njnt):
-        dofs = file.dofs(j)
         if has_springs and file.numbers("jnt_stiffnesspoly")[j].any():
             file.refuse("joint", j, "stiffness: expected one number, springs are linear here")
         if has_springs and file.numbers("jnt_springyield")[j].any():
             file.refuse("joint", j, "springyield: expected none, springs stay elastic here")
-        if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[dofs].any():
+        if file.has("DAMPER", "PASSIVE") and file.numbers("dof_dampingpoly")[file.dofs(j)].any():
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
-        for name in ("armature", "damping"):
-            # MuJoCo's are along the axes of the world, ours along those of the body.
-            linear = getattr(m, _OF_VELOCITIES[name])[dofs][:3].tolist()
-            if file.kind(j) == "free" and len(set(linear)) > 1:
-                file.refuse("joint", j, f"{name}: expected one number for all linear velocities, got {linear}")
-        if file.kind(j) == "free" and m.dof_frictionloss[dofs].any():
-            # MuJoCo's is along the axes of the world for the linear velocities, ours along those of the body.
-            if file.strict:
-                instead = "put slides along x, y and z and a ball in place of the joint, each with its frictionloss"
-                file.refuse("joint", j, f"frictionloss: that of a free joint is along the world's axes; {instead}")
-            file.miss("frictionloss of a free joint", file.name("joint", j))
 
 
 # What a tendon does: {name in files: the switches of MuJoCo that it needs}.
@@ -692,7 +694,7 @@ def _check_names(file: _File, names: list[str]):
     for name, count in collections.Counter(names).items():
         if count > 1:
             named = [e for e in file.root.iter("body", "joint", "freejoint", "site") if e.get("name") == name]
-            reason = f"name: {name!r} is made for another here, which has none in the file; name one of them otherwise"
+            reason = f"name: {name!r} is made for another here, which has no such name in the file; name one otherwise"
             file.refuse_element([file.root, *named][-1], reason)
 
 
@@ -841,20 +843,47 @@ def _joints(file: _File, i: int, rotors: dict[str, np.ndarray], mimics: dict[int
     for j in numbers:
         name, kind = file.name("joint", j), file.kind(j)
         child = body if j == numbers[-1] else f"{body}/{name}"
-        poses = (None, None) if kind == "free" else _anchored(file, j, X_PB)
-        yield Joint(name, kind, parent, child, *poses, mimic=mimics.get(j), **_numbers(file, j, rotors))
+        fields = _numbers(file, j, rotors)
+        if kind == "free":
+            yield from _free(file, name, body, fields)
+            continue
+        yield Joint(name, kind, parent, child, *_anchored(file, j, X_PB), mimic=mimics.get(j), **fields)
         parent, X_PB = child, None
+
+
+def _free(file: _File, name: str, body: str, fields: dict[str, Any]):
+    """A free joint; or slides along the axes of the world and a ball, which have its coordinates in MuJoCo.
+
+    Friction, damping and armature of its linear velocities are along the axes of the world in MuJoCo; in a "free" joint
+    friction and damping are along those of the body. Where one number is that of all axes, damping is the same.
+    """
+    names = "armature", "damping", "friction_loss", "stiffness"
+    numbers: dict[str, Any] = {x: np.broadcast_to(fields[x], (6,)) for x in names}
+    has_axes = any(len(set(numbers[x][3:].tolist())) > 1 for x in ("armature", "damping"))
+    if not (has_axes or numbers["friction_loss"].any()):
+        yield Joint(name, "free", WORLD, body, **fields)
+        return
+    file.doubt(SPLIT, name)
+    parent, rest = WORLD, fields["spring_reference"]
+    for k, letter in enumerate("xyz"):
+        child, own = f"{body}/{name}/{letter}", {x: array[3 + k] for x, array in numbers.items()}
+        axis = np.eye(3)[k]
+        yield Joint(f"{name}/{letter}", "prismatic", parent, child, axis=axis, spring_reference=rest[4 + k], **own)
+        parent = child
+    own = {x: array[:3] for x, array in numbers.items()}
+    yield Joint(f"{name}/ball", "ball", parent, body, spring_reference=rest[:4], **own)
 
 
 def _numbers(file: _File, j: int, rotors: dict[str, np.ndarray]):
     """The fields of a joint that are numbers, by name."""
     m, kind, dofs = file.model, file.kind(j), file.dofs(j)
     rest = np.array(m.qpos_spring[file.coordinates(j)])
-    armature, damping = (np.roll(x[dofs], 3 * (kind == "free")) for x in (m.dof_armature, m.dof_damping))
+    of_velocities = (getattr(m, _OF_VELOCITIES[name])[dofs] for name in ("armature", "damping", "frictionloss"))
+    armature, damping, friction = (np.roll(x, 3 * (kind == "free")) for x in of_velocities)
     numbers: dict[str, Any] = {
         "armature": armature + rotors["armature"][j],
         "damping": (damping + rotors["damping"][j]) * file.has("DAMPER", "PASSIVE"),
-        "friction_loss": m.dof_frictionloss[dofs] * (kind != "free" and file.has("FRICTIONLOSS", "CONSTRAINT")),
+        "friction_loss": friction * file.has("FRICTIONLOSS", "CONSTRAINT"),
         "stiffness": m.jnt_stiffness[j] * file.has("SPRING", "PASSIVE"),
         "spring_reference": np.roll(rest, 4) if kind == "free" else rest,  # the quaternion first
     }

@@ -51,7 +51,8 @@ class ModelFileWarning(UserWarning):
     Silence it with `warnings.simplefilter("ignore", jaxspatial.interop.ModelFileWarning)`.
 
     Attributes:
-        doubtful: what was taken as it is: names or lines by kind. First of all "no inertia along coordinates".
+        doubtful: what was taken as it is, or was made into something else: names or lines by kind. First of all "no
+            inertia along coordinates".
         unknown: what was left out that changes the motion, or may: words that the reader does not know, by kind.
         left_out: all that was left out, what serves pictures, contact or control too, by kind.
     """
