@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.contact.term import NEAR_RIGID_LIMIT, STICKING, Rows, StepData, TermData
@@ -55,15 +56,16 @@ class JointData(TermData):
         body = {v: i for i in range(len(t)) if not t.is_mimic(i) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
         has_limits = np.array([_has_limits(t, fields, body[v]) for v in rows])
         q_rows = np.array([t.q_starts[body[v]] for v in rows])
-        q, lower, upper = (
-            scalars(state, stacking.rows(x, q_rows)) for x in (state.q, fields["lower"], fields["upper"])
-        )
+        of_lower, of_upper = (stacking.rows(fields[x], q_rows) for x in ("lower", "upper"))
+        q, lower, upper = (scalars(state, x) for x in (stacking.rows(state.q, q_rows), of_lower, of_upper))
         friction = scalars(state, stacking.rows(fields["friction_loss"], rows))
         still, change = world.numbers(step.still, step.change)
         free = still + change
         fastest = where(high(abs(still)) > high(abs(free)), abs(still), abs(free))
         w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, fastest))
-        limit = Limit.of(q - lower, upper - q, w, fastest, dt, has_limits[:, None])
+        held = are_equal(lower, upper, of_lower, of_upper)
+        held = None if held is None else held & has_limits[:, None]
+        limit = Limit.of(q - lower, upper - q, w, fastest, dt, has_limits[:, None], held)
         return Joints(tuple(rows.tolist()), limit, friction * dt, STICKING * w)
 
 
@@ -72,9 +74,18 @@ def joint_data(mechanism: Mechanism, _) -> JointData | None:
     return JointData() if len(limited_rows(mechanism.topology, vars(mechanism))) else None
 
 
+def are_equal(lower: Number, upper: Number, of_lower: Array, of_upper: Array) -> Mask | None:
+    """Which of m limits are equal, (m, B); None where it is known that none is. Given as numbers, and as arrays."""
+    if isinstance(of_lower, np.ndarray) and isinstance(of_upper, np.ndarray):
+        same = of_lower == of_upper
+        return jnp.asarray(same[:, None]) if same.any() else None
+    return high(lower) == high(upper)
+
+
 class Limit(NamedTuple):
     """How m numbers are held between limits, as numbers (m, B). lower, upper: how fast, at most, a number may approach
     a limit. near_lower, near_upper: whether a limit is near, and may act. R: how much an impulse changes the velocity.
+    held: of equal limits; the lower one then pushes and pulls. None for none.
     """
 
     lower: Number
@@ -82,10 +93,18 @@ class Limit(NamedTuple):
     near_lower: Mask
     near_upper: Mask
     R: Number
+    held: Mask | None
 
     @classmethod
     def of(
-        cls, below: Number, above: Number, w: Number, fastest: Number, dt: Number, may_act: np.ndarray | bool = True
+        cls,
+        below: Number,
+        above: Number,
+        w: Number,
+        fastest: Number,
+        dt: Number,
+        may_act: np.ndarray | bool = True,
+        held: Mask | None = None,
     ) -> Self:
         """From the distances to the lower and the upper limit, the size w of the Delassus operator, and velocities."""
         compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
@@ -93,8 +112,10 @@ class Limit(NamedTuple):
         window = LIMIT_WINDOW * dt * fastest
         # NaN is near, and becomes the impulse.
         near_lower, near_upper = (~(high(gap) >= high(window)) & may_act for gap in (below, above))
+        if held is not None:
+            near_lower, near_upper = near_lower | held, near_upper & ~held
         lower, upper = (where(near, gap, 0.0) / (2 * dt) for near, gap in ((near_lower, below), (near_upper, above)))
-        return cls(lower, upper, near_lower, near_upper, R)
+        return cls(lower, upper, near_lower, near_upper, R, held)
 
     @property
     def acts(self) -> jax.Array:
@@ -105,6 +126,7 @@ class Limit(NamedTuple):
         zero = constant(u, 0)
         down, up = (-self.lower - u) / self.R, (u - self.upper) / self.R
         is_down, is_up = self.near_lower & ~(high(down) <= 0), self.near_upper & ~(high(up) <= 0)
+        is_down = is_down if self.held is None else is_down | self.held
         return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / self.R, zero)
 
     def size(self, u: Number) -> Number:

@@ -97,9 +97,9 @@ def convex_step(
 
     What is not contact acts as in `semi_implicit_step`, without its regularised friction; where nothing touches, the
     result has its bits, and without contacts, limits and dry friction it is that step. Limits act on joints of one
-    coordinate, on the lengths of tendons, and on the angles of "ball" joints. Limits and dry friction are as hard as
-    the time step allows: a joint at rest under less than its friction creeps by at most 1e-3 of the velocity that its
-    impulse would cause alone.
+    coordinate, on the lengths of tendons, and on the angles of "ball" joints. Two equal limits hold a number from both
+    sides: each step halves what it is off. Limits and dry friction are as hard as the time step allows: a joint at rest
+    under less than its friction creeps by at most 1e-3 of the velocity that its impulse would cause alone.
 
     How hard contacts are is a share of w, the size of the operator J D^-1 J^T of their points, with D the diagonal of
     A. It depends on the axes of velocities: those of a floating root are taken along the axes of the world, as in

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.contact.joints import Limit
+from jaxspatial.contact.joints import Limit, are_equal
 from jaxspatial.contact.term import Columns, Rows, StepData, TermData
 from jaxspatial.contact.world import World, scalars
 from jaxspatial.dynamics.passive import one_array, over_coordinates
@@ -49,7 +49,8 @@ class TendonData(TermData):
         q = (scalars(state, stacking.rows(state.q, np.array(x))) for x in self.coordinates)
         offset, lower, upper = (scalars(state, x) for x in (self.offset, self.lower, self.upper))
         length = functools.reduce(operator.add, map(operator.mul, c, q), offset)
-        return _limits(world, step, self.velocities, c, length - lower, upper - length)
+        held = are_equal(lower, upper, self.lower, self.upper)
+        return _limits(world, step, self.velocities, c, length - lower, upper - length, held)
 
 
 def tendon_data(mechanism: Mechanism, dtype) -> TendonData | None:
@@ -104,14 +105,20 @@ def _is_none(limits: Array) -> bool:
 
 
 def _limits(
-    world: World, step: StepData, places: Places, c: tuple[Number, ...], below: Number, above: Number
+    world: World,
+    step: StepData,
+    places: Places,
+    c: tuple[Number, ...],
+    below: Number,
+    above: Number,
+    held: Mask | None = None,
 ) -> "LimitsOfForms":
-    """The LimitsOfForms of numbers at distances below and above from their limits."""
+    """The LimitsOfForms of numbers at distances below and above from their limits. held: of equal limits."""
     still, change = world.numbers(step.still, step.change)
     u, free = (_form(places, c, v) for v in (still, still + change))
     fastest = where(high(abs(u)) > high(abs(free)), abs(u), abs(free))
     w = _form(places, tuple(x * x for x in c), 1 / world.diagonal)
-    limit = Limit.of(below, above, w, fastest, world.dt)
+    limit = Limit.of(below, above, w, fastest, world.dt, held=held)
     return LimitsOfForms(places, c, limit, limit.R)
 
 

@@ -19,7 +19,7 @@ from jaxspatial.mechanism.joints import Ball
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, dot
-from jaxspatial.numerics.numbers import Number, Numbers, where
+from jaxspatial.numerics.numbers import Number, Numbers, high, where
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -66,8 +66,9 @@ def passive_forces(
     Those of tendons, see `Tendon`, and those that hold the `lifts` of bodies against gravity come on top.
 
     N is the force of a limit, back into the range: limit_stiffness x + limit_damping dx/dt at the depth x beyond it, or
-    zero if that is negative, as limits push and never pull. Friction is regularised: it is zero at rest, and a joint
-    creeps under any load below friction_loss, for small loads at about the same fraction of friction_speed.
+    zero if that is negative, as limits push and never pull; equal limits of a tendon do both. Friction is regularised:
+    it is zero at rest, and a joint creeps under any load below friction_loss, for small loads at about the same
+    fraction of friction_speed.
 
     Args:
         mechanism: Mechanism, with `stiffness`, `spring_references`, `damping`, `friction_loss`, `lower`, `upper`,
@@ -376,9 +377,19 @@ def _tension(state: MechanismState, row: _Row, length: Number, rate: Number) -> 
     if not is_nothing(row.damping):
         force = force - _number(state, row.damping, 0) * rate
     if not _is_infinite(row.limits):
-        k, c = (_number(state, x, 0) for x in (row.limit_stiffness, row.limit_damping))
-        force = force + _of_limit(length, rate, k, c, *(_number(state, row.limits, i) for i in (0, 1)))
+        force = force + _of_limits(state, row, length, rate)
     return force
+
+
+def _of_limits(state: MechanismState, row: _Row, length: Number, rate: Number) -> Number:
+    """The force of the limits of a tendon: equal ones push and pull."""
+    k, c = (_number(state, x, 0) for x in (row.limit_stiffness, row.limit_damping))
+    lower, upper = (_number(state, row.limits, i) for i in (0, 1))
+    is_known = isinstance(row.limits, np.ndarray)
+    if is_known and row.limits[0] != row.limits[1]:
+        return _of_limit(length, rate, k, c, lower, upper)
+    held = k * (lower - length) - c * rate
+    return held if is_known else where(high(lower) == high(upper), held, _of_limit(length, rate, k, c, lower, upper))
 
 
 def _number(state: MechanismState, array: Array, i: int) -> Number:

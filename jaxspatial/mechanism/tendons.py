@@ -21,7 +21,9 @@ class Tendon:
         js.Tendon("finger", ["knuckle", "tip"], [1.0, -1.0], stiffness=0.5, upper=0.1)
 
     `passive_forces` and the steps apply the spring and damping, and N, the force of a limit, where `Compliance` gives
-    limits of tendons a stiffness. `convex_step` holds the limits as stiffly as its time step allows.
+    limits of tendons a stiffness. `convex_step` holds the limits as stiffly as its time step allows. Equal limits hold
+    the length from both sides: the coordinates are coupled. `convex_step` then halves what L is off in each step.
+    `forward_dynamics`, `constrained_forward_dynamics` and `close_loops` know nothing of limits.
 
     Args:
         name: for messages; static.
@@ -31,7 +33,7 @@ class Tendon:
         stiffness: N/m.
         rest: (2,) the shortest and the longest length at which the spring is at rest, or one number for both, m.
         damping: N s/m. The steps take it explicitly: they are stable for dt damping below the inertia along L.
-        lower, upper: limits of L, m.
+        lower, upper: limits of L, m; two equal numbers to hold L there.
 
     Raises:
         TypeError: names are no text, or numbers are none of floating point.

@@ -122,6 +122,55 @@ def test_a_tendon_over_one_joint_is_its_limit():
     np.testing.assert_array_equal(found.iterations > 0, expected.iterations > 0)
 
 
+def held(free=False):
+    """A chain with a tendon of one length and a joint that is held; free: without either."""
+    out = js.RigidTransform(js.Rotation.exp(np.array([0.3, 0, 0.2])), np.array([0.2, 0, 0]))
+    stop = {} if free else {"lower": 0.25, "upper": 0.25}
+    joints = [
+        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0), damping=0.2),
+        js.Joint("k", "revolute", "a", "b", out, axis=(1, 0, 0)),
+        js.Joint("l", "prismatic", "b", "c", out, axis=(0, 0.6, 0.8)),
+        js.Joint("m", "revolute", "c", "d", out, axis=(0, 0, 1), **stop),
+    ]
+    tendons = [] if free else [js.Tendon("t", ["j", "k", "l"], [1.0, -0.5, 2.0], 0.125, lower=0.375, upper=0.375)]
+    bodies = [js.Body(x, link()) for x in "abcd"]
+    return js.Mechanism.build(bodies, joints, gravity=np.zeros(3), tendons=tendons, dtype=np.float64)
+
+
+@pytest.mark.parametrize("as_data", [False, slow(True)])
+def test_equal_limits_hold_from_both_sides(as_data):
+    """The optimum in closed form, two-sided wherever the state is. At rest nothing pushes: with limits of one side the
+    derivatives would be those of free motion."""
+    mech, without, n = held(), held(free=True), 6
+    mech = mech.as_data() if as_data else mech
+    J, goal, rng = np.array([[1, -0.5, 2, 0], [0, 0, 0, 1.0]]), np.array([0.25, 0.25]), np.random.default_rng(0)
+    q, v = 0.1 * rng.standard_normal((2, n, 4))
+    # Open, and closed up to rounding; the last one exactly, and at rest.
+    q[n // 2 :, 2:] = np.stack([(0.25 - q[:, 0] + 0.5 * q[:, 1]) / 2, np.full(n, 0.25)], 1)[n // 2 :]
+    q[-1], v[-1] = [0, 0, 0.125, 0.25], 0
+    tau = 0 * v
+
+    def moved(q, v, tau):
+        after = js.convex_step(mech, q, v, tau, DT)
+        return after.v, jax.jacobian(lambda tau: js.convex_step(mech, q, v, tau, DT).v)(tau), after.residual
+
+    def oracle_numbers(q, v):
+        return js.mass_matrix(without, q), js.bias_forces(without, q, v)
+
+    found, slopes, residual = interpreted(jax.vmap(moved))(q, v, tau)
+    for i, (M, bias) in enumerate(zip(*interpreted(jax.vmap(oracle_numbers))(q, v), strict=True)):
+        A = M + DT * np.diag(without.damping)
+        free = np.linalg.solve(A, M @ v[i] - DT * bias)
+        R = oracle.NEAR_RIGID_LIMIT * np.array([oracle.delassus(A, row[None]) for row in J])
+        target = (goal - J @ q[i]) / (2 * DT)
+        H = A + J.T @ (J / R[:, None])
+        expected = np.linalg.solve(H, A @ free + J.T @ (target / R))
+        np.testing.assert_allclose(found[i], expected, rtol=0, atol=ALLOWED * max(abs(expected).max(), 1))
+        inverse = DT * np.linalg.inv(H)
+        np.testing.assert_allclose(slopes[i], inverse, rtol=0, atol=ALLOWED * abs(inverse).max())
+    assert residual.max() < 1e-8 and (found[-1] == 0).all()
+
+
 def test_derivatives():
     """By q, v, tau and the numbers of tendons and balls, against differences; forward and reverse agree."""
     out = js.RigidTransform(js.Rotation.exp(np.array([0.3, 0, 0.2])), np.array([0.2, 0, 0]))

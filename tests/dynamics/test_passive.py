@@ -240,6 +240,24 @@ def test_limits_push_back_and_take_power(kind, float64):
         assert back == 0 and js.passive_forces(mech, mech.upper + 1e-3, np.array([1.0]), SOFT) < -7
 
 
+@pytest.mark.parametrize("is_data", [False, True], ids=["known", "data"])
+def test_equal_limits_of_a_tendon_push_and_pull(is_data, float64):
+    """A spring and a damper on either side, also where the length is the limit: there those of one side have a kink."""
+    joints = [js.Joint("j", "revolute", "world", "a"), js.Joint("k", "prismatic", "a", "b")]
+    tendon = js.Tendon("t", ["j", "k"], [1.0, -2.0], 0.5, lower=0.25, upper=0.25)
+    mech = js.Mechanism.build([js.Body("a"), js.Body("b")], joints, tendons=[tendon])
+    mech = mech.as_data() if is_data else mech
+    q, v = np.array([[0.5, 0.375], [0.5, 0.25], [0.0, 0.25]]), np.array([[0.0, 0.0], [3.0, 1.0], [-3.0, 0.5]])
+    force = interpreted(jax.vmap(lambda q, v: js.passive_forces(mech, q, v, SOFT)))
+    slopes = interpreted(jax.vmap(jax.jacobian(lambda q, v: js.passive_forces(mech, q, v, SOFT), (0, 1))))(q, v)
+    c = np.array([1.0, -2.0])
+    tension = -300.0 * (q @ c + 0.25) - 7.0 * (v @ c)
+    assert tension[0] == 0 and tension[1] < 0 < tension[2]
+    np.testing.assert_allclose(force(q, v), tension[:, None] * c, rtol=1e-14, atol=1e-13)
+    for found, k in zip(slopes, (300.0, 7.0), strict=True):
+        np.testing.assert_allclose(found, [-k * np.outer(c, c)] * 3, rtol=1e-15)
+
+
 def test_a_spring_of_a_mimic_acts_on_its_master(float64):
     joints = [
         js.Joint("j", "revolute", "world", "a", stiffness=2.0, spring_reference=0.25),

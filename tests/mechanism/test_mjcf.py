@@ -241,6 +241,8 @@ def _motor(attributes, n=1):
 _BALL = '<joint name="elbow" type="ball" range="0 1"/><joint name="x" type="slide"'
 _PAIR = '<tendon><fixed name="t"><joint joint="elbow" coef="2"/><joint joint="slide" coef="-3"/></fixed></tendon>'
 _ROD = '<tendon><fixed name="t"><joint joint="elbow" coef="1"/></fixed></tendon>'
+_FAR, _ROD_TOO_FAR = _ROD.replace('"1"', '"3e38"'), _ROD.replace('"1"', '"1e39"') + "</mujoco>"
+_ROPE = '<spatial name="r"><site site="upper"/><site site="tip"/></spatial></tendon>'
 REFUSED = {
     "malformed": ((END, "</mujo"), "malformed XML: .* line 19"),
     "unknown attribute": ((SHOULDER, f'{SHOULDER} dampin="1"'), "MuJoCo says .*'dampin'.*line 7"),
@@ -339,7 +341,6 @@ REFUSED = {
         "name: 'c/a' is made for another",
     ),
     "polynomial": (_equality('<joint joint1="elbow" joint2="slide" polycoef="0 1 2"/>'), "line 18: <joint .*polycoef"),
-    "held joint": (_equality('<joint name="h" joint1="elbow"/>'), "line 18: <joint name=\"h\">: joint2: .*'elbow'"),
     "two masters": (_equality('<joint joint1="elbow" joint2="slide"/>' * 2), "line 18: <joint .*joint1: 'elbow'"),
     "ring": (
         _equality('<joint joint1="elbow" joint2="slide"/><joint joint1="slide" joint2="elbow"/>'),
@@ -350,21 +351,22 @@ REFUSED = {
     "infinite spring": (_tendon('stiffness="1e39"'), "line 18: <fixed .*stiffness: .*3.4e.38"),
     "negative spring of a tendon": (_tendon('stiffness="-1"'), "line 18: <fixed .*stiffness: .*>= 0"),
     "heavy rope": (_rope('armature="3"'), 'line 18: <spatial name="r">: armature: expected none here, .*leave it out'),
-    "held tendon": (
-        _equality('<tendon tendon1="t"/>', _ROD),
-        "line 18: <tendon .*: tendon1: expected a fixed tendon over two joints",
+    "held rope": (
+        _equality('<tendon tendon1="t" tendon2="r"/>', _ROD.replace("</tendon>", _ROPE)),
+        "line 18: <tendon .*: tendon2: expected fixed tendons, got 'r' along a rope; leave the constraint out, or",
     ),
-    "three joints": (
-        _equality(
-            '<tendon tendon1="t"/>',
-            '<tendon><fixed name="t"><joint joint="elbow" coef="1"/><joint joint="slide" coef="1"/>'
-            '<joint joint="shoulder" coef="2"/></fixed></tendon>',
-        ),
-        "line 18: <tendon .*: tendon1: .*got 't' over 'elbow', 'slide', 'shoulder'; .*give the tendon stiffness",
+    "two tendons that are one": (
+        _equality('<tendon name="e" tendon1="t" tendon2="s"/>', _PAIR + _PAIR.replace('"t"', '"s"')),
+        'line 18: <tendon name="e">: tendon1: expected tendons that move, got joints that cancel; leave it out',
     ),
-    "two tendons": (
-        _equality('<tendon tendon1="t" tendon2="s"/>', _PAIR + _PAIR.replace('"t"', '"s"')),
-        "line 18: <tendon .*: tendon2: expected one",
+    "bent tendons": (
+        _equality('<tendon tendon1="t" tendon2="s" polycoef="0 0 1"/>', _PAIR + _ROD.replace('"t"', '"s"')),
+        "line 18: <tendon .*: polycoef: expected a polynomial of at most first degree",
+    ),
+    "tendon too far": (_tendon('name="t"')[0:1] + (_ROD_TOO_FAR,), 'line 18: <fixed name="t">: coef: .*3.4e.38'),
+    "held too far": (
+        _equality('<tendon name="e" tendon1="t" tendon2="s" polycoef="0 9"/>', _FAR + _FAR.replace('"t"', '"s"')),
+        'line 18: <tendon name="e">: coefficients and length: .*3.4e.38',
     ),
     "rotor": (
         (END, f'{_ROD}<actuator><motor name="m" tendon="t" armature="1"/></actuator></mujoco>'),
@@ -428,6 +430,45 @@ def test_an_equality_of_a_tendon_over_two_joints_is_a_mimic():
     mech = read(ARM, _equality('<tendon tendon1="t" polycoef=".25"/>', _PAIR))
     assert (mech.nq, mech.tendons) == (2, ())
     np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0], [1.5, -0.625]])
+
+
+EQUALITIES = {
+    "a joint": ('<joint joint1="elbow" polycoef=".25 9 9"/>', "", ["elbow"], [1], 0.25),
+    "a joint with a reference": ('<joint joint1="slide" polycoef=".25"/>', "", ["slide"], [1], 0.75),
+    "a tendon over one": ('<tendon tendon1="t" polycoef=".25"/>', _ROD, ["elbow"], [1], 0.25),
+    "a tendon over three": (
+        '<tendon tendon1="t" polycoef=".25 9 9"/>',
+        _PAIR.replace("</fixed>", '<joint joint="shoulder" coef="1"/></fixed>'), ["elbow", "slide", "shoulder"],
+        [2, -3, 1], -1.25,
+    ),
+    # (2 elbow - 3 slide) + 3/2 = 1/4 - 4 (elbow + shoulder)
+    "two tendons": (
+        '<tendon tendon1="t" tendon2="s" polycoef=".25 -4"/>',
+        _PAIR + _ROD.replace("</fixed>", '<joint joint="shoulder" coef="1"/></fixed>').replace('"t"', '"s"'),
+        ["elbow", "slide", "shoulder"], [6, -3, 4], -1.25,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", EQUALITIES)
+def test_an_equality_that_is_no_mimic_is_a_tendon_of_one_length(name):
+    element, tendons, joints, c, length = EQUALITIES[name]
+    element = element.replace(" ", ' name="e" ', 1)
+    with pytest.warns(ModelFileWarning, match=r"equality read as a tendon of one length, .* \(1: e\)"):
+        mech = read(ARM, _equality(element, tendons), strict=True)
+    (held,) = mech.tendons
+    assert (mech.nq, held.name, held.joints) == (3, "e", tuple(joints))
+    np.testing.assert_array_equal(held.coefficients, c)
+    np.testing.assert_array_equal([held.lower, held.upper, held.offset], [length, length, 0])
+
+
+def test_an_equality_of_two_tendons_over_two_joints_is_a_mimic():
+    """2 elbow - 3 slide + 3/2 = -3 (slide - 1/2)."""
+    slide = _ROD.replace("elbow", "slide").replace('"t"', '"s"').replace('"1"', '"3"')
+    mech = read(ARM, _equality('<tendon tendon1="t" tendon2="s" polycoef="1 -2"/>', _PAIR + slide))
+    assert mech.tendons == ()
+    # 2 elbow - 3 slide + 3/2 = 1 - 2 (3 slide - 3/2)
+    np.testing.assert_array_equal(mech.mimics, [[1, 0], [1, 0], [-1.5, 1.25]])
 
 
 def test_gravity_that_is_compensated():

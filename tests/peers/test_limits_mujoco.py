@@ -59,6 +59,47 @@ def test_what_hangs_on_limits_as_in_mujoco():
     np.testing.assert_allclose(bias, data.qfrc_constraint, rtol=0, atol=1e-4 * abs(bias).max())
 
 
+COUPLED = """<mujoco><option timestep="0.002" gravity="1 2 -9"/><compiler angle="radian"/><worldbody>
+<body name="a" pos="0 0 1" quat=".8 0 .6 0"><joint name="j" axis="0 1 0" ref=".1"/>
+  <inertial pos=".1 .2 .3" mass="2" diaginertia=".1 .12 .15"/>
+  <body pos=".3 0 .1"><joint name="k" axis="1 2 0" damping="0.3"/>
+    <inertial pos="0 .1 .1" mass="1" diaginertia=".02 .03 .02"/>
+    <body pos="0 .2 .1" quat=".6 .8 0 0"><joint name="l" type="slide" axis="0 1 1"/>
+      <inertial pos=".1 .1 0" mass=".7" diaginertia=".02 .03 .02"/>
+      <body><joint name="m" axis="1 0 0" ref="-.2"/><inertial pos=".1 0 .1" mass=".5" diaginertia=".02 .03 .02"/></body>
+    </body></body></body></worldbody>
+<tendon><fixed name="t"><joint joint="j" coef="1"/><joint joint="k" coef="-.5"/><joint joint="l" coef="2"/>
+</fixed></tendon>
+<equality><tendon name="coupling" tendon1="t" polycoef=".25" SOFT/><joint name="held" joint1="m" polycoef=".1" SOFT/>
+</equality></mujoco>"""
+
+
+def test_equalities_of_forms_as_in_mujoco():
+    """Of three joints, and of one that is held. Closed, both push alike: by MuJoCo's M, bias and rows, as stiff as the
+    step is here; and by its own accelerations, in which they are nearly rigid."""
+    with pytest.warns(ModelFileWarning, match=r"of one length, which convex_step holds \(2: coupling, held\)"):
+        mech = js.Mechanism.from_mjcf(COUPLED.replace("SOFT", ""), dtype=np.float64)
+    model = mujoco.MjModel.from_xml_string(COUPLED.replace("SOFT", 'solref="0.004 1" solimp="0.9999 0.9999 1"'))
+    data, rng, dt = mujoco.MjData(model), np.random.default_rng(0), 1e-4
+    q, v = 0.3 * rng.normal(size=(4, 4)), rng.normal(size=(4, 4))
+    # The forms hold, and so do their rates.
+    q[:, 2], q[:, 3] = (0.35 - q[:, 0] + 0.5 * q[:, 1]) / 2, -0.1
+    v[:, 2], v[:, 3] = (-v[:, 0] + 0.5 * v[:, 1]) / 2, 0
+    after = jax.jit(lambda q, v: js.convex_step(mech, q, v, np.zeros((4, 4)), dt).v)(q, v)
+    for i in range(4):
+        data.qpos[:], data.qvel[:], M = q[i], v[i], np.zeros((4, 4))
+        mujoco.mj_forward(model, data)
+        np.testing.assert_allclose(data.efc_pos, 0, atol=1e-15)
+        for column, unit in zip(M, np.eye(4), strict=True):
+            mujoco.mj_mulM(model, data, column, unit)
+        J, A = data.efc_J.reshape(2, 4), M + dt * np.diag(model.dof_damping)
+        R = 0.01 / (4 * np.pi**2) * (J**2 / np.diag(A)).sum(1)
+        H = A + J.T @ (J / R[:, None])
+        expected = np.linalg.solve(H, A @ v[i] + dt * (data.qfrc_passive - data.qfrc_bias))
+        np.testing.assert_allclose(after[i], expected, rtol=0, atol=1e-9)
+        np.testing.assert_allclose((after[i] - v[i]) / dt, data.qacc, rtol=0, atol=2e-3 * abs(data.qacc).max())
+
+
 def read(text):
     with pytest.warns(ModelFileWarning, match="free joint read as slides NAME/x, NAME/y, NAME/z and a ball NAME/ball"):
         return js.Mechanism.from_mjcf(text, dtype=np.float64)

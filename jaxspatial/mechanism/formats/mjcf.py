@@ -2,13 +2,16 @@
 
 The package mujoco compiles the files. Bodies, joints, sites and fixed cameras become bodies, joints and frames of the
 same name, "body_<id>", "joint_<id>", "site_<id>" and "cam_<id>" where they have none; a site or a camera with a name
-that is taken is "<body>/<name>". A camera looks along -z. Of
-several joints on one body, each but the last carries a body without mass, "<body>/<joint>". A joint constraint of at
-most first degree makes a mimic, as if it were rigid, and so does an equality of a fixed tendon over two joints. The
-equality constraints `connect` and `weld` become the `loops` of the mechanism, of kinds "ball" and "weld", as if they
-were rigid; between bodies they hold frames "<constraint>/a" on the first body and "<constraint>/b" on the second. Fixed
-tendons with springs, damping or limits become the `tendons` of the mechanism, and bodies with `gravcomp` have lifts.
-Springs, damping and friction of joints are numbers of the mechanism, see `passive_forces`.
+that is taken is "<body>/<name>". A camera looks along -z. Of several joints on one body, each but the last carries a
+body without mass, "<body>/<joint>". Fixed tendons with springs, damping or limits become the `tendons` of the
+mechanism, and bodies with `gravcomp` have lifts. Springs, damping and friction of joints are numbers of the mechanism,
+see `passive_forces`.
+
+Equality constraints are taken for rigid. Those of joints and of fixed tendons may be of at most first degree. Where two
+joints are in one, it makes the first a mimic of the second; where it is one joint, or three and more, it becomes a
+`Tendon` whose limits are equal, and the warning names it: see there what holds it. `connect` and `weld` become the
+`loops` of the mechanism, of kinds "ball" and "weld"; between bodies they hold frames "<constraint>/a" on the first body
+and "<constraint>/b" on the second.
 
 What serves pictures, contact or control (geoms but for their mass, sensors, keyframes, actuators but for
 armature and damping, options of MuJoCo's solver, mocap) is no part of a mechanism, and is left out. Drag of the medium,
@@ -75,8 +78,8 @@ def read(
     _check(file)
     _leave_out(file)
     with in_double():
-        *parts, loops = _parts(file)
-    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops, _tendons(file))
+        *parts, loops, tendons = _parts(file)
+    mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops, tendons)
     doubt_inertias(file, mechanism)
     file.warn()
     return mechanism
@@ -512,6 +515,8 @@ _NUMBERS = {
 }  # fmt: skip
 _OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictionloss": "dof_frictionloss"}
 _OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
+# How the warning lists equality constraints that become tendons with equal limits.
+HELD = "equality read as a tendon of one length, which convex_step holds"
 # How the warning lists free joints of which slides and a ball are made.
 SPLIT = "free joint read as slides NAME/x, NAME/y, NAME/z and a ball NAME/ball"
 _NOT_NEGATIVE = {"mass", "stiffness", "armature", "damping", "frictionloss"}
@@ -596,6 +601,8 @@ _OF_TENDONS = {
 def _check_tendons(file: _File):
     """Fixed tendons have linear springs, damping and limits here; ropes from place to place do nothing."""
     for i in range(file.model.ntendon):
+        if _is_fixed(file, i):
+            _check_number(file, "tendon", i, "coef", _coordinates_of(file, i)[1])
         does = [name for name, flags in _OF_TENDONS.items() if file.has(*flags) and _of_tendon(file, name, i).any()]
         for name in does:
             short = name.removesuffix("poly")
@@ -676,8 +683,9 @@ def _leave_out(file: _File):
 
 
 def _parts(file: _File):
-    """(bodies, joints, frames, loops)."""
-    rotors, mimics = _rotors(file), _mimics(file)
+    """(bodies, joints, frames, loops, tendons)."""
+    equations = _equations(file)
+    rotors, mimics = _rotors(file), _mimics(file, equations)
     moving = range(1, file.model.nbody)
     joints = [joint for i in moving for joint in _joints(file, i, rotors, mimics)]
     loops, anchors = _loops(file)
@@ -686,7 +694,7 @@ def _parts(file: _File):
     bodies += map(Body, sorted(between))
     _check_names(file, [joint.name for joint in joints])
     _check_names(file, [part.name for part in (*bodies, *frames)])
-    return bodies, joints, frames, loops
+    return bodies, joints, frames, loops, [*_tendons(file), *_held(file, equations)]
 
 
 def _check_names(file: _File, names: list[str]):
@@ -731,16 +739,79 @@ def _closures(file: _File) -> dict[int, Kind]:
     return {int(types.mjEQ_CONNECT): "ball", int(types.mjEQ_WELD): "weld"}
 
 
-def _mimics(file: _File) -> dict[int, Mimic]:
-    """{number of a joint: its mimic}."""
-    m, mimics = file.model, dict[int, tuple[int, int, float, float]]()  # {joint: (equation, leader, a, b)}
+class _Equation(NamedTuple):
+    """sum c q = length, over different joints: constraint number i of the model."""
+
+    i: int
+    joints: list[int]
+    c: np.ndarray
+    length: float
+
+
+def _equations(file: _File) -> list[_Equation]:
+    """Those of the equality constraints of joints and tendons."""
+    m, types = file.model, file.mujoco.mjtEq
+    of = {int(types.mjEQ_JOINT): _equation_of_joints, int(types.mjEQ_TENDON): _equation_of_tendons}
+    found = list[_Equation]()
     for i in _equalities(file):
-        if m.eq_type[i] not in _closures(file):
-            is_of_tendon = m.eq_type[i] == int(file.mujoco.mjtEq.mjEQ_TENDON)
-            j, mimic = _held_tendon(file, i) if is_of_tendon else (m.eq_obj1id[i], _mimic(file, i))
+        if m.eq_type[i] in of:
+            found.append(of[int(m.eq_type[i])](file, i))
+        elif m.eq_type[i] not in _closures(file):
+            expected = "expected joints or tendons that follow others, or bodies that are connected or welded"
+            file.refuse("eq", i, f"{expected}; leave it out")
+    return found
+
+
+def _equation_of_joints(file: _File, i: int) -> _Equation:
+    """q1 - ref1 = a0 + a1 (q2 - ref2), or q1 - ref1 = a0 without joint2."""
+    m, (a0, a1) = file.model, _coefficients(file, i)
+    j, leader = m.eq_obj1id[i], m.eq_obj2id[i]
+    length = a0 + _reference(file, j)
+    if leader < 0:
+        return _Equation(i, [j], np.ones(1), length)
+    return _Equation(i, [j, leader], np.array([1.0, -a1]), length - a1 * _reference(file, leader))
+
+
+def _equation_of_tendons(file: _File, i: int) -> _Equation:
+    """L1 - ref1 = a0 + a1 (L2 - ref2), or L1 - ref1 = a0 without tendon2."""
+    m, (a0, a1) = file.model, _coefficients(file, i)
+    length, total = a0, dict[int, float]()
+    for name, factor in (("obj1id", 1.0), ("obj2id", -a1)):
+        tendon = int(getattr(m, f"eq_{name}")[i])
+        if tendon < 0:
+            continue
+        if not _is_fixed(file, tendon):
+            way_out = "leave the constraint out, or close a loop with a connect"
+            file.refuse("eq", i, f"tendon{name[3]}: expected fixed tendons, got {file.name('tendon', tendon)!r} along "
+                        f"a rope; {way_out}")  # fmt: skip
+        length += factor * float(m.tendon_length0[tendon])
+        for j, x in zip(*_coordinates_of(file, tendon), strict=True):
+            total[j] = total.get(j, 0.0) + factor * float(x)
+    joints = [j for j, x in total.items() if x]
+    if not joints:
+        file.refuse("eq", i, "tendon1: expected tendons that move, got joints that cancel; leave it out")
+    return _Equation(i, joints, np.array([total[j] for j in joints]), length)
+
+
+def _coefficients(file: _File, i: int) -> tuple[float, float]:
+    """The polynomial a0 + a1 x of an equality constraint."""
+    m = file.model
+    if m.eq_obj2id[i] >= 0 and any(m.eq_data[i, 2:5]):
+        expected = "expected a polynomial of at most first degree"
+        file.refuse("eq", i, f"polycoef: {expected}, got {m.eq_data[i, :5].tolist()}; cut the others, or leave it out")
+    return float(m.eq_data[i, 0]), float(m.eq_data[i, 1])
+
+
+def _mimics(file: _File, equations: list[_Equation]) -> dict[int, Mimic]:
+    """{number of a joint: its mimic}, of the equations of two joints."""
+    mimics = dict[int, tuple[int, int, float, float]]()  # {joint: (constraint, leader, multiplier, offset)}
+    for i, joints, c, length in equations:
+        if len(joints) == 2:
+            (j, leader), (c1, c2) = joints, c.tolist()
             if j in mimics:
-                file.refuse("eq", i, f"joint1: {file.name('joint', j)!r} follows another joint already; leave one out")
-            mimics[j] = mimic
+                name = file.name("joint", j)
+                file.refuse("eq", i, f"joint1: {name!r} follows another joint already; leave one out")
+            mimics[j] = i, leader, -c2 / c1, length / c1
     for j, (i, leader, _, _) in mimics.items():
         passed = [j]
         while leader in mimics and leader not in passed:
@@ -753,45 +824,6 @@ def _mimics(file: _File) -> dict[int, Mimic]:
         if file.is_limited(j):
             file.miss("range of a mimic", file.name("joint", j))
     return {j: Mimic(file.name("joint", leader), a, b) for j, (_, leader, a, b) in mimics.items()}
-
-
-def _mimic(file: _File, i: int):
-    """Of the equation q1 - ref1 = a0 + a1 (q2 - ref2)."""
-    m = file.model
-    j, leader = m.eq_obj1id[i], m.eq_obj2id[i]
-    if m.eq_type[i] != int(file.mujoco.mjtEq.mjEQ_JOINT):
-        file.refuse("eq", i, "expected joints that follow others, or bodies that are connected or welded; leave it out")
-    a0, a1, *higher = m.eq_data[i, :5]
-    if any(higher):
-        expected = "expected a polynomial of at most first degree"
-        file.refuse("eq", i, f"polycoef: {expected}, got {m.eq_data[i, :5].tolist()}; cut the others, or leave it out")
-    if leader < 0:
-        file.refuse("eq", i, f"joint2: expected a joint to follow; leave out {file.name('joint', j)!r}, that is held")
-    return i, leader, a1, a0 + _reference(file, j) - a1 * _reference(file, leader)
-
-
-def _held_tendon(file: _File, i: int):
-    """(joint, its mimic) of the equation L = L0 + a0 of a tendon over two joints, c1 q1 + c2 q2 = L0 + a0."""
-    m = file.model
-    tendon, a0 = int(m.eq_obj1id[i]), float(m.eq_data[i, 0])
-    if m.eq_obj2id[i] >= 0:
-        file.refuse("eq", i, "tendon2: expected one tendon, over two joints; leave the constraint out")
-    joints, c = _coordinates_of(file, tendon)
-    if not _is_fixed(file, tendon) or len(joints) != 2 or not c.all():
-        expected = "expected a fixed tendon over two joints, which makes one a mimic of the other"
-        way_out = "leave the constraint out, and give the tendon stiffness and damping in its place"
-        file.refuse("eq", i, f"tendon1: {expected}, got {_shown_tendon(file, tendon)}; {way_out}")
-    (j, leader), (c1, c2) = joints, c.tolist()
-    return j, (i, leader, -c2 / c1, (float(m.tendon_length0[tendon]) + a0) / c1)
-
-
-def _shown_tendon(file: _File, i: int) -> str:
-    """What a tendon is over, for messages."""
-    if not _is_fixed(file, i):
-        return f"{file.name('tendon', i)!r} along a rope"
-    return (
-        f"{file.name('tendon', i)!r} over {', '.join(repr(file.name('joint', j)) for j in _coordinates_of(file, i)[0])}"
-    )
 
 
 def _coordinates_of(file: _File, i: int) -> tuple[list[int], np.ndarray]:
@@ -817,6 +849,18 @@ def _tendons(file: _File) -> list[Tendon]:
             numbers = {"stiffness": float(stiffness[0]), "damping": float(damping[0]), "rest": m.tendon_lengthspring[i]}
             names = [file.name("joint", j) for j in joints]
             found.append(Tendon(file.name("tendon", i), names, c, lower=lower, upper=upper, **numbers))
+    return found
+
+
+def _held(file: _File, equations: list[_Equation]) -> list[Tendon]:
+    """Tendons of one length, for the equations that make no mimic."""
+    found = list[Tendon]()
+    for i, joints, c, length in equations:
+        if len(joints) != 2:
+            name = file.name("eq", i)
+            _check_number(file, "eq", i, "coefficients and length", np.array([*c, length]))
+            file.doubt(HELD, name)
+            found.append(Tendon(name, [file.name("joint", j) for j in joints], c, lower=length, upper=length))
     return found
 
 
