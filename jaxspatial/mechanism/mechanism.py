@@ -19,7 +19,7 @@ from jaxspatial.mechanism import named
 from jaxspatial.mechanism.assembly import assembled, registered_parameters, require_in_range
 from jaxspatial.mechanism.loops import LoopClosure, checked_loops
 from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
-from jaxspatial.mechanism.tendons import Tendon, checked_tendons
+from jaxspatial.mechanism.tendons import Tendon, checked_tendons, leaf_shapes
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.quantity import tree_of
@@ -501,7 +501,7 @@ class Mechanism:
     def _misshapen(self) -> str:
         """What is wrong with the shape of a field, "" for nothing. Cached: every call of an algorithm asks. JAX
         rebuilds mechanisms with any leaves, so nobody has checked them before."""
-        for name, expected in _shapes(self.topology, self.parameters).items():
+        for name, expected in _shapes(self.topology, self.parameters, self.tendons).items():
             for x, shape in zip(jax.tree.leaves(getattr(self, name)), expected, strict=False):
                 if np.shape(x) != shape:
                     return _unexpected_shape(name, shape, np.shape(x))
@@ -517,7 +517,7 @@ class Mechanism:
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)
 
 
-def _shapes(t: Topology, parameters: dict[str, Any]) -> dict[str, list[tuple[int, ...]]]:
+def _shapes(t: Topology, parameters: dict[str, Any], tendons: tuple[Tendon, ...]) -> dict[str, list[tuple[int, ...]]]:
     """{field: the shapes of its leaves}, of the numbers of a mechanism."""
     n, frames, welds = len(t), len(t.frames), len(t.welds)
     inertias: list[tuple[int, ...]] = [(n,), (n, 3), (n, 6)]
@@ -535,6 +535,7 @@ def _shapes(t: Topology, parameters: dict[str, Any]) -> dict[str, list[tuple[int
         "weld_inertias": [(welds,), (welds, 3), (welds, 6)] if welds else [],
         "gravity": [(3,)],
         "turn_limits": [(n,)],
+        "tendons": [shape for tendon in tendons for shape in leaf_shapes(tendon).values()],
     }
 
 

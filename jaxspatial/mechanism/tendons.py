@@ -75,7 +75,7 @@ class Tendon:
         if joints is None or not all(isinstance(name, str) for name in joints):
             raise TypeError(f"Tendon: joints: expected a sequence of names, got {self.joints!r}")
         object.__setattr__(self, "joints", joints)
-        for field, size in self._sizes.items():
+        for field, size in leaf_shapes(self).items():
             x = getattr(self, field)
             if check.is_tree_mark(x):
                 continue
@@ -85,13 +85,14 @@ class Tendon:
                 raise ValueError(f"Tendon {self.name!r}: {field}: expected shape {size}, got {array.shape}")
             object.__setattr__(self, field, array)
 
-    @property
-    def _sizes(self) -> dict[str, tuple[int, ...]]:
-        scalars = dict.fromkeys(("offset", "stiffness", "damping", "lower", "upper"), ())
-        return {"coefficients": (len(self.joints),), "rest": (2,), **scalars}
-
     def __repr__(self) -> str:
         return f"Tendon({self.name!r}, {list(self.joints)}, {check.in_short(self.coefficients)})"
+
+
+def leaf_shapes(tendon: Tendon) -> dict[str, tuple[int, ...]]:
+    """The shapes of the numbers of a tendon, in their order."""
+    names = "coefficients", "offset", "stiffness", "rest", "damping", "lower", "upper"
+    return {name: () for name in names} | {"coefficients": (len(tendon.joints),), "rest": (2,)}
 
 
 def checked_tendons(tendons, topology: Topology, what: str) -> tuple[Tendon, ...]:

@@ -136,6 +136,19 @@ def test_a_field_that_is_batched_is_refused(name):
                 ALGORITHMS[name](**_arguments(ALGORITHMS[name], np.float32, mechanism=mech))
 
 
+@pytest.mark.parametrize("field", ["coefficients", "offset", "stiffness", "rest", "damping", "lower", "upper"])
+def test_a_number_of_a_tendon_that_is_batched_is_refused(field):
+    hinges = [js.Joint("j", "revolute", "world", "a"), js.Joint("k", "revolute", "a", "b")]
+    tendon = js.Tendon("t", ["j", "k"], [1.0, 2.0], stiffness=1.0)
+    mech = js.Mechanism.build([js.Body("a"), js.Body("b")], hinges, tendons=[tendon], dtype=np.float32).as_data()
+    (tendon,) = mech.tendons
+    object.__setattr__(tendon, field, np.stack([getattr(tendon, field)] * 2))
+    with pytest.raises(
+        ValueError, match=r"^passive_forces: mechanism: tendons: expected shape .*, got \(2,.*; a batch"
+    ):
+        js.passive_forces(mech, np.zeros(2, np.float32), np.zeros(2, np.float32))
+
+
 def test_a_field_is_mapped_over_as_the_message_says():
     x, q = np.stack([MECH.gravity, -MECH.gravity]), np.float32([0.5, 0.25])
     found = jax.vmap(lambda x, q: js.gravity_forces(MECH.as_data().replace(gravity=x), q), (0, None))(x, q)
