@@ -218,7 +218,8 @@ class Mechanism:
             ImportError: mujoco or lxml is missing.
 
         Warns:
-            ModelFileWarning: names what was left out that changes the motion.
+            ModelFileWarning: names coordinates along which nothing has inertia, joints and constraints that became
+                something else, other doubts, and what was left out that changes the motion.
         """
         from jaxspatial.mechanism.formats import mjcf
 
