@@ -316,9 +316,9 @@ def _with_mujoco(file, mech):
 HEAD = """# Model files of public packages
 
 Written by `tests/benchmarks/model_files.py`, which says what is compared, and how. Of every source: its files, those
-that the peer reads ({peers}; of URDF once words that are no part of the format are cut and the link "world" is
-declared), those that load here, those of which both can be compared, and the largest relative error of these. Where
-files were only loaded (`--loads`) the peer was not asked.
+that the peer reads, those that load here, those of which both can be compared, and the largest relative error of these.
+Peers are {peers}; of URDF, words that are no part of the format are cut first, and the link "world" is
+declared. Where files were only loaded (`--loads`) the peer was not asked.
 """
 
 
