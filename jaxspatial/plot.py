@@ -65,7 +65,14 @@ _TURN = np.linspace(0.0, np.deg2rad(290.0), 60)
 
 
 class Scales(NamedTuple):
-    """How large arrows are drawn. force: metres of arrow per N. torque: metres of an arc's radius per N m."""
+    """How large arrows are drawn. force: metres of arrow per N. torque: metres of an arc's radius per N m.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> ax = plot.wrench(F, [0.0, 0.0, 0.0], scale=plot.Scales(force=0.5, torque=0.25))
+        >>> print(plot.scales(ax))
+        Scales(force=0.5, torque=0.25)
+    """
 
     force: float | None = None
     torque: float | None = None
@@ -561,7 +568,15 @@ def _tip(mech: Mechanism, i: int, X_WJ: _Poses, X_WF: _Poses) -> np.ndarray:
 class Arrow(FancyArrowPatch):
     """An arrow between two points of space, `ends` (2, 3) in m, with a head of a fixed size on paper.
 
-    An arrow that is shorter on paper has a smaller head, unless it is the head of something else."""
+    An arrow that is shorter on paper has a smaller head, unless it is the head of something else.
+
+    Example:
+        >>> from jaxspatial import plot
+        >>> arrow = plot.axes().add_artist(plot.Arrow(np.zeros(3), np.array([0.0, 0.0, 1.0])))
+        >>> print(arrow.ends)
+        [[0. 0. 0.]
+         [0. 0. 1.]]
+    """
 
     def __init__(self, start: np.ndarray, end: np.ndarray, is_head: bool = False, **style: Any):
         super().__init__((0, 0), (1, 1), arrowstyle="-|>", shrinkA=0, shrinkB=0, **style)
@@ -569,7 +584,16 @@ class Arrow(FancyArrowPatch):
         self._largest, self._width = self.get_mutation_scale(), self.get_linewidth()
 
     def do_3d_projection(self, renderer: Any = None) -> float:
-        """Places the arrow on paper; axes call it."""
+        """Places the arrow on paper; axes call it.
+
+        Example:
+            >>> from jaxspatial import plot
+            >>> ax = plot.axes()
+            >>> short = ax.add_artist(plot.Arrow(np.zeros(3), np.array([0.0, 0.0, 1e-9])))
+            >>> ax.figure.canvas.draw()
+            >>> print(short.get_mutation_scale() < 1e-6)  # the size of its head
+            True
+        """
         ax: Any = self.axes
         xs, ys, zs = self.ends.T
         x, y, z = proj3d.proj_transform(xs, ys, zs, ax.M)

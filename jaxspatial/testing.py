@@ -14,6 +14,8 @@ from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
+__all__ = ["random_mechanism"]
+
 
 def random_mechanism(
     seed: int, n: int = 12, kinds: Iterable[str] | None = None, is_chain: bool = False, dtype: DTypeLike | None = None

@@ -99,9 +99,16 @@ def show(
         KeyError: there is no such frame, or the file has a link that is no frame of the mechanism.
         TypeError: an argument has another type.
         ValueError: shapes of arrays do not fit, the shapes are no URDF, or a ground function has no zero near by.
+
+    Example:
+        >>> from jaxspatial import viewer
+        >>> scene = viewer.show(arm, q, frames=["hand"])
+        >>> scene.server.stop()
+        >>> print(scene.n)
+        1
     """
     scene = Scene(mech, q, dt, shapes, forces, frames, ground, contacts, host, port)
-    scene.add_player()
+    scene._add_player()
     return scene
 
 
@@ -129,6 +136,12 @@ def record(
 
     Raises:
         ValueError: the path has another ending. Else as `show`.
+
+    Example:
+        >>> from jaxspatial import viewer
+        >>> path = jnp.stack([0.0 * q, 0.5 * q, q])
+        >>> print(viewer.record(arm, path, "arm.viser", dt=0.1))
+        arm.viser
     """
     path = pathlib.Path(path)
     if path.suffix not in (".html", ".viser"):
@@ -154,6 +167,13 @@ class Scene:
         server: viser's server, to add to the scene or to its panel.
         n: the number of states.
         dt: time from one state to the next, s.
+
+    Example:
+        >>> from jaxspatial import viewer
+        >>> scene = viewer.show(arm, jnp.stack([0.0 * q, q]), dt=0.1)
+        >>> scene.server.stop()
+        >>> print(scene.n, scene.dt)
+        2 0.1
     """
 
     def __init__(
@@ -219,7 +239,16 @@ class Scene:
         self.draw(0)
 
     def draw(self, i: int) -> None:
-        """Shows state i."""
+        """Shows state i.
+
+        Example:
+            >>> from jaxspatial import viewer
+            >>> scene = viewer.show(arm, jnp.stack([0.0 * q, q]))
+            >>> scene.draw(1)
+            >>> scene.server.stop()
+            >>> print(scene.n)
+            2
+        """
         with self.server.atomic():
             for node, wxyz, p in zip(self._nodes, self._wxyz[i], self._p[i], strict=True):
                 node.wxyz, node.position = wxyz, p
@@ -227,11 +256,19 @@ class Scene:
                 arrows.draw(i)
 
     def times(self) -> np.ndarray:
-        """The states to be seen at 30 frames a second: integers."""
+        """The states to be seen at 30 frames a second: integers.
+
+        Example:
+            >>> from jaxspatial import viewer
+            >>> scene = viewer.show(arm, jnp.zeros((10, 2)), dt=0.01)
+            >>> scene.server.stop()
+            >>> print(scene.times())
+            [0 3 6]
+        """
         step = 1 / (_FRAMES_PER_SECOND * self.dt)  # in states; a hair more than an integer is that integer
         return (np.arange(np.ceil(self.n / step - 1e-6)) * step + 1e-6).astype(int)
 
-    def add_player(self) -> None:
+    def _add_player(self) -> None:
         """Adds a slider over the states, and a box that lets them play in real time, again and again."""
         if self.n == 1:
             return

@@ -1,6 +1,7 @@
 """The form of public docstrings: Args with every parameter, Returns, then the error bound, the source, an example."""
 
 import doctest
+import importlib
 import inspect
 import pkgutil
 import re
@@ -27,15 +28,16 @@ def _public(module):
     return {name: f for name, f in vars(module).items() if name[0] != "_" and inspect.isfunction(f)}
 
 
-def _methods(cls):
-    """Own ones, of bases that are parts of the class too; one line is enough where it says whose form it has."""
+def _methods(cls, folder=None):
+    """Own ones, and those of bases in a folder, that of the class for None. The nearest with a docstring counts."""
     found = {}
-    for base in (c for c in cls.__mro__ if c.__module__.startswith(cls.__module__.rpartition(".")[0])):
+    for base in (c for c in cls.__mro__ if c.__module__.startswith(folder or cls.__module__.rpartition(".")[0])):
         for name, member in vars(base).items():
             function = getattr(member, "__func__", member)
-            if name[0] != "_" and inspect.isfunction(function):
-                found[f"{cls.__name__}.{name}"] = function
-    return found
+            is_own = inspect.isfunction(function) and function.__module__.startswith("jaxspatial")
+            if name[0] != "_" and is_own and not getattr(found.get(name), "__doc__", None):
+                found[name] = function
+    return {f"{cls.__name__}.{name}": function for name, function in found.items()}
 
 
 INERTIA = _public(js.inertia)
@@ -97,17 +99,31 @@ CONVERTERS = {
     if f.__module__.endswith(f"interop.{module}")
 }
 DRAWN = {f"plot.{name}": f for name, f in _public(plot).items() if name in plot.__all__}
-_ALL = (
-    FUNCTIONS
-    | METHODS
-    | OF_PARTS
-    | CONVERTERS
-    | DRAWN
-    | {cls.__name__: cls for cls in (*CLASSES, *PARTS, js.Compliance)}
-)
-# What several classes inherit, once. What reads files has examples in its place.
-EXAMPLES = dict({id(x): (name, x) for name, x in _ALL.items()}.values())
-EXAMPLES = {name: x for name, x in EXAMPLES.items() if not re.search(r"\.(from_(urdf|mjcf)|_as_known)$", name)}
+# All that users import names from, by the prefix of names in this file. Of a converter what it defines is public.
+MODULES = {"": js, "inertia.": js.inertia, "regressors.": js.regressors, "testing.": js.testing, "plot.": plot}
+MODULES |= {"measure.": js.measure, "interop.": js.interop}
+MODULES |= {f"{name}.": getattr(js.interop, name) for name in LIBRARIES}
+if importlib.util.find_spec("viser"):
+    MODULES["viewer."] = importlib.import_module("jaxspatial.viewer")
+
+
+def _all_of(prefix, module):
+    """The public classes and functions of a module, and the methods of classes that are written in this library."""
+    is_converter = prefix[:-1] in LIBRARIES
+    for name in getattr(module, "__all__", dir(module)):
+        x = getattr(module, name)
+        of = getattr(x, "__module__", None) or ""
+        if name[0] == "_" or not callable(x) or not of.startswith(module.__name__ if is_converter else "jaxspatial"):
+            continue
+        yield prefix + name, x
+        if inspect.isclass(x):
+            yield from ((prefix + own, f) for own, f in _methods(x, "jaxspatial").items())
+
+
+_ALL = [(cls.__name__, cls) for cls in (MassMatrixFactor, quantity.Quantity)] + list(METHODS.items())
+_ALL += [pair for prefix, module in MODULES.items() for pair in _all_of(prefix, module)]
+# What several classes inherit, or several modules have, once.
+EXAMPLES = {name: x for name, x in {id(x): (name, x) for name, x in reversed(_ALL)}.values()}
 
 
 @pytest.fixture(scope="module")
@@ -123,35 +139,36 @@ def _lines(x):
     return doctest.DocTestParser().get_examples(inspect.cleandoc(x.__doc__ or ""))
 
 
-@pytest.mark.parametrize("name", sorted(EXAMPLES))
-def test_a_docstring_ends_with_an_example(name):
-    """Two to five lines, after all else. A method that says of which other it is has none."""
-    doc, examples = inspect.cleandoc(EXAMPLES[name].__doc__ or ""), _lines(EXAMPLES[name])
-    if not examples and (not doc or _is_of_another(doc)):
-        return
-    assert "\nExample:\n    >>> " in doc and not re.search(r"^\w", doc.partition("\nExample:\n")[2], re.M)
-    assert sum(len(f"{e.source}{e.want}".splitlines()) for e in examples) in range(2, 8) and examples[-1].want
+def _ends_with_an_example(x):
+    """Of two to five lines, and what it prints, after all else."""
+    doc, examples = inspect.cleandoc(x.__doc__ or ""), _lines(x)
+    is_last = "\nExample:\n    >>> " in doc and not re.search(r"^\w", doc.partition("\nExample:\n")[2], re.M)
+    lines = sum(len(f"{e.source}{e.want}".splitlines()) for e in examples)
+    return is_last and lines in range(2, 8) and bool(examples[-1].want)
+
+
+def test_all_that_is_public_has_an_example():
+    """Every class, function and method that users may call, without exception."""
+    assert not [name for name, x in EXAMPLES.items() if not _ends_with_an_example(x)]
+    of = {name.partition(".")[0] for name in EXAMPLES}
+    assert len(EXAMPLES) > 350 and {"plot", "measure", "testing", "regressors", *LIBRARIES} <= of
+    assert {x.name for x in pkgutil.iter_modules(js.interop.__path__)} == set(LIBRARIES)
 
 
 SLOW = LONG | {"brax.to_tau"}
 RUN = [pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in sorted(EXAMPLES) if _lines(EXAMPLES[x])]
 
 
-def test_all_that_draws_has_examples():
-    assert len(DRAWN) > 8 and all(_lines(f) for f in DRAWN.values())
-
-
-def test_all_modules_of_converters_have_examples():
-    assert {x.name for x in pkgutil.iter_modules(js.interop.__path__)} == set(LIBRARIES)
-    assert all(_lines(f) for f in CONVERTERS.values()) and len(CONVERTERS) > 80
-
-
 # Brax reads attributes that MJX has moved, and says that it is no longer developed.
 @pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning")
 @pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
 @pytest.mark.parametrize("name", RUN)
-def test_an_example_prints_what_it_says(name, names, monkeypatch):
+def test_an_example_prints_what_it_says(name, names, monkeypatch, tmp_path):
     said, library = [], LIBRARIES.get(name.partition(".")[0])
+    monkeypatch.chdir(tmp_path)
+    if name.startswith("viewer."):
+        # With it viser shows its address, which is another one when the first port is taken.
+        monkeypatch.setattr("rich.print", lambda *_: None)
     if library:
         # While it is imported, Brax's pipeline prints what it misses.
         module = needs("brax.generalized.pipeline" if name == "brax.to_tau" else library)

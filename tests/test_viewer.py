@@ -310,7 +310,7 @@ def test_a_slider_moves_the_robot_and_play_moves_the_slider(scenes, robot):
     mech, path = robot
     q = trajectory()
     shown = scenes(mech, q, dt=0.02, shapes=path)
-    shown.add_player()
+    shown._add_player()
     gui = {type(x).__name__: x for x in shown.server.gui._gui_input_handle_from_uuid.values()}
     slider, plays = gui["GuiSliderHandle"], gui["GuiCheckboxHandle"]
     slider.value = 12

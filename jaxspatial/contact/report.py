@@ -41,6 +41,12 @@ class ContactReport(NamedTuple):
     slip: (*batch, n, 3) how fast the body slides along the ground, or that of b along that of a, m/s.
     touches: (*batch, n) whether the depth is not below zero: which contacts a step takes part in.
     sticks: (*batch, n) whether it pushes with a friction below its largest; None without forces.
+
+    Example:
+        >>> tip = js.PointContacts(["hand"], stiffness=1e4, relaxation_time=0.01, friction=0.8)
+        >>> report = js.contact_report(arm, q, v, tip, js.HalfSpace(offset=-2.0))
+        >>> print(report.points, report.touches)
+        [[-0.7749  0.     -2.    ]] [False]
     """
 
     points: jax.Array

@@ -61,6 +61,11 @@ class ConvexStep(NamedTuple):
         For one in five of them the true decrement is more than twice the residual: whether a contact touches is a
         matter of rounding, for example.
     iterations: (*batch,) of Newton's method, at most 60; 0 where nothing acts.
+
+    Example:
+        >>> after = js.convex_step(arm, q, v, tau, 1e-3)
+        >>> print(after.q, after.v, after.contact_forces)
+        [ 0.501  -0.1995] [0.9955 0.5101] None
     """
 
     q: jax.Array

@@ -330,7 +330,13 @@ class ArticulatedInertia(Additive):
     def project_out(
         self, S_P_E: Motions, armature: ArrayLike = 0.0, *, precision: PrecisionName = None
     ) -> "ArticulatedInertia":
-        """What is left of the inertia for a body that holds this one by a joint, see `joint_projection`."""
+        """What is left of the inertia for a body that holds this one by a joint, see `joint_projection`.
+
+        Example:
+            >>> P = js.ArticulatedInertia.from_spatial_inertia(js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=6.0))
+            >>> print(P.project_out(js.SpatialVelocity(v=[0.0, 0.0, 1.0])).to_matrix().diagonal())
+            [6.5 5.  2.5 6.  6.  0. ]
+        """
         return joint_projection(self, S_P_E, armature, precision=precision).inertia
 
 

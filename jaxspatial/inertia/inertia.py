@@ -722,6 +722,11 @@ class SpatialInertia(Additive):
             ValueError: the shape does not fit.
 
         Error: as of `from_dynamic_parameters`, with the same cancellation.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=6.0)
+            >>> print(js.SpatialInertia.from_matrix(M.to_matrix()))
+            SpatialInertia(mass=6.0, com=[0.0, 0.0, 0.0], central=[6.5, 0.0, 5.0, 0.0, 0.0, 2.5])
         """
         entries = as_matrices(m, "SpatialInertia.from_matrix: m", 6)
         return cls(entries[..., 21], *parameters.from_six_by_six(precision, entries))
@@ -976,7 +981,13 @@ class SpatialInertia(Additive):
     # -- about another point, in another frame ------------------------------------------------------------------------
 
     def shift(self, p_PQ_E: ArrayLike, *, precision: PrecisionName = None) -> Self:
-        """About the point Q of the same body, see `jaxspatial.shift`."""
+        """About the point Q of the same body, see `jaxspatial.shift`.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_sphere(0.5, mass=2.0)
+            >>> print(M.shift([1.0, 0.0, 0.0]).com)
+            [-1.  0.  0.]
+        """
         return shift(self, p_PQ_E, precision=precision)
 
     def __rmatmul__(self, R_AE: Rotation) -> Self:
@@ -1294,6 +1305,12 @@ class SpatialInertia(Additive):
             (edges (*batch, 3), descending, m; R_EA of `principal_moments_and_axes`, along whose columns they are).
 
         Error: as of `equivalent_ellipsoid`.
+
+        Example:
+            >>> M = js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=6.0)
+            >>> edges, R_EB = M.equivalent_box()
+            >>> print(edges)
+            [3. 2. 1.]
         """
         return self._equivalent(Fraction(1, 12), precision)
 

@@ -44,6 +44,13 @@ def newton_euler_regressor(
         |r| + 4 u^2 mag in "compensated", 1 ulp of r in "faithful"; what is 0 is so exactly.
     Source: Atkeson, An, Hollerbach 1986, Estimation of inertial parameters of manipulator loads and links, equation
         10.
+
+    Example:
+        >>> A, V = js.SpatialAcceleration(a=[0.0, 0.0, 2.0]), js.SpatialVelocity(w=[0.0, 0.0, 1.0])
+        >>> Y = js.regressors.newton_euler_regressor(A, V)
+        >>> M = js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=6.0)
+        >>> print(Y @ M.to_dynamic_parameters())
+        [ 0.  0.  0.  0.  0. 12.]
     """
     w = angular_velocity(A_WP_E, w, "newton_euler_regressor")
     return _as_matrix(_of_wrench(precision, Motion(*A_WP_E._vectors), w))

@@ -442,7 +442,15 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
 
 
 class KeyFrame(NamedTuple):
-    """A state that a file names. q: (nq,), v: (nv,), ctrl: one number for each of `Actuators.from_mjcf`."""
+    """A state that a file names. q: (nq,), v: (nv,), ctrl: one number for each of `Actuators.from_mjcf`.
+
+    Example:
+        >>> part = '<body><joint name="hinge"/><geom size="0.1"/></body>'
+        >>> text = f'<mujoco><worldbody>{part}</worldbody><keyframe><key name="up" qpos="0.5"/></keyframe></mujoco>'
+        >>> frames = js.interop.mujoco.key_frames(js.Mechanism.from_mjcf(text), text)
+        >>> print(frames["up"].q, frames["up"].v)
+        [0.5] [0.]
+    """
 
     q: np.ndarray
     v: np.ndarray

@@ -31,7 +31,13 @@ _SUSPECTS = ("fast_math", "disable_hlo_passes", "xla_backend_extra_options", "fp
 
 
 class Finding(NamedTuple):
-    """One thing looked at. holds: True, False, or None for what is no promise, but good to know."""
+    """One thing looked at. holds: True, False, or None for what is no promise, but good to know.
+
+    Example:
+        >>> finding = js.measure.Finding("sums of two", False, "broken for 3% in float32", "take out the flag")
+        >>> print(finding.verdict)
+        BROKEN
+    """
 
     name: str
     holds: bool | None
@@ -44,7 +50,14 @@ class Finding(NamedTuple):
 
 
 class Report(NamedTuple):
-    """What `self_check` found; `print(report)` shows it."""
+    """What `self_check` found; `print(report)` shows it.
+
+    Example:
+        >>> finding = js.measure.Finding("sums of two", True, "the error is exact")
+        >>> report = js.measure.Report((finding,), "one core")
+        >>> print(report.holds, report.conclusion)
+        True All promises hold here.
+    """
 
     findings: tuple[Finding, ...]
     surroundings: str
@@ -66,7 +79,13 @@ class Report(NamedTuple):
     __repr__ = __str__
 
     def to_dict(self) -> dict[str, Any]:
-        """As it goes into JSON."""
+        """As it goes into JSON.
+
+        Example:
+            >>> report = js.measure.Report((js.measure.Finding("sums of two", True, "the error is exact"),), "one core")
+            >>> print(report.to_dict()["holds"])
+            True
+        """
         findings = [finding._asdict() for finding in self.findings]
         return {"holds": self.holds, "surroundings": self.surroundings, "findings": findings}
 
@@ -81,6 +100,11 @@ def self_check() -> Report:
         A `Report`: `.holds`, `.findings` (each with name, holds, measured, advice), and a text when printed.
 
     Error: what is exact or bitwise is compared exactly, bounds with exact rationals.
+
+    Example:
+        >>> report = js.self_check()
+        >>> print(report.holds, report.conclusion)
+        True All promises hold here.
     """
     findings = tuple(_finding(name, check) for name, check in _CHECKS.items())
     return Report(findings, f"{timing.machine()}\nXLA_FLAGS: {os.environ.get('XLA_FLAGS') or 'none'}")

@@ -17,7 +17,12 @@ from jaxspatial.numerics.promise import Promise
 
 
 def rationals(x: ArrayLike) -> np.ndarray:
-    """Every number of x as the Fraction it is. For finite floating point of at most 64 bits."""
+    """Every number of x as the Fraction it is. For finite floating point of at most 64 bits.
+
+    Example:
+        >>> print(*js.measure.rationals(np.float32([0.5, 0.1])))
+        1/2 13421773/134217728
+    """
     return np.asarray(np.frompyfunc(Fraction, 1, 1)(np.asarray(x).astype(np.float64).astype(object)), dtype=object)
 
 
@@ -77,7 +82,11 @@ def attribute(array: np.ndarray, name: str):
 def evaluate(formula: Callable[..., Any], *arrays: ArrayLike):
     """(exact value, mag) of a formula over arrays: two arrays of Fractions; mag adds up the sizes of all terms.
 
-    >>> evaluate(lambda tau, f, p: tau - np.cross(p, f), tau, f, p)
+    Example:
+        >>> arrays = (np.asarray(x) for x in (F.tau, F.f, p_PQ))
+        >>> value, mag = js.measure.evaluate(lambda tau, f, p: tau - np.cross(p, f), *arrays)
+        >>> print(*value, "of terms that add up to", *mag)
+        2 -1 -3 of terms that add up to 2 1 9
     """
     result = formula(*map(sized, arrays))
     return attribute(result, "value"), attribute(result, "mag")
@@ -87,7 +96,12 @@ def evaluate(formula: Callable[..., Any], *arrays: ArrayLike):
 
 
 def unit_roundoff(dtype: DTypeLike) -> Fraction:
-    """u: half the distance from 1 to the next number, as an exact Fraction."""
+    """u: half the distance from 1 to the next number, as an exact Fraction.
+
+    Example:
+        >>> print(js.measure.unit_roundoff(np.float32), js.measure.unit_roundoff(np.float16))
+        1/16777216 1/2048
+    """
     return Fraction(check.eps(dtype)) / 2
 
 
@@ -95,6 +109,10 @@ def ulp(exact: np.ndarray, dtype: DTypeLike):
     """The units in the last place of exact numbers in a format: an array of Fractions.
 
     Below the smallest normal number the unit is that of the smallest normal number.
+
+    Example:
+        >>> print(*js.measure.ulp(js.measure.rationals([1.0, 1000.0]), np.float16))
+        1/1024 1/2
     """
     info = check.finfo(dtype)
     return np.asarray(np.frompyfunc(lambda x: _ulp(x, info), 1, 1)(exact), dtype=object)
@@ -105,6 +123,11 @@ def in_ulps(computed: ArrayLike, exact: ArrayLike):
 
     Below the smallest normal number the unit is that of the smallest normal number. NaN and infinities are infinitely
     far off.
+
+    Example:
+        >>> third = np.float32(1) / np.float32(3)
+        >>> print(js.measure.in_ulps(third, 1 / js.measure.rationals(3.0)))
+        0.3333333333333333
     """
     info = check.finfo(np.asarray(computed).dtype)
     return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
@@ -115,6 +138,11 @@ def in_ulps_of_norm(computed: ArrayLike, exact: ArrayLike):
 
     Over the last axis, as float64, one number per vector: the error in the maximum norm. Vectors with NaN or an
     infinity are infinitely far off.
+
+    Example:
+        >>> thirds = np.float32([1, 100]) / np.float32(3)
+        >>> print(js.measure.in_ulps_of_norm(thirds, js.measure.rationals([1.0, 100.0]) / 3))
+        0.3333333333333333
     """
     info, exact = check.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
     return _over(computed, exact, lambda _, m: _ulp(m, info), abs(exact).max(-1, keepdims=True)).max(-1)
@@ -124,6 +152,10 @@ def agrees_when_not_finite(computed: ArrayLike, expected: ArrayLike):
     """Whether computed is NaN where expected is, the same infinity where expected is one, and finite elsewhere.
 
     Both floating point; componentwise, as bool. The errors above take only finite exact values.
+
+    Example:
+        >>> print(js.measure.agrees_when_not_finite(np.float32([np.nan, np.inf, np.inf]), [np.nan, np.inf, 1.0]))
+        [ True  True False]
     """
     computed, expected = (np.asarray(x).astype(np.float64) for x in (computed, expected))
     same = (computed == expected) | (np.isnan(computed) & np.isnan(expected))
@@ -134,6 +166,12 @@ def in_u_of(computed: ArrayLike, exact: ArrayLike, magnitude: ArrayLike, flushed
     """|computed - exact| / (u magnitude), componentwise, as float64: the unit in which bounds are promised.
 
     `flushed`: so many of the smallest normal number are forgiven beforehand, for subnormals that were flushed to zero.
+
+    Example:
+        >>> x, y = np.float32([0.1, 0.2]), np.float32([0.3, -0.15])
+        >>> exact, mag = js.measure.evaluate(lambda x, y: (x * y).sum(), x, y)
+        >>> print(js.measure.in_u_of((x * y).sum(), exact, mag) <= 2)
+        True
     """
     u = unit_roundoff(np.asarray(computed).dtype)
     return _over(computed, exact, lambda _, m: u * m, magnitude, flushed)
@@ -143,6 +181,12 @@ def in_units_of(allowed: ArrayLike | Fraction, computed: ArrayLike, exact: Array
     """|computed - exact| / allowed, componentwise, as float64: at most 1 where a promise `allowed` (Fractions) is kept.
 
     `flushed`: as in `in_u_of`.
+
+    Example:
+        >>> x, y = np.float32(0.1), np.float32(0.3)
+        >>> exact, mag = js.measure.evaluate(lambda x, y: x * y, x, y)
+        >>> print(js.measure.in_units_of(mag * js.measure.unit_roundoff(np.float32), x * y, exact) <= 1)
+        True
     """
     return _over(computed, exact, lambda _, a: a, allowed, flushed)
 

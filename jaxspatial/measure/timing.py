@@ -32,6 +32,12 @@ def interleaved(
     cases: name -> function without arguments; what it returns is waited for.
     advance: called after every round, for a progress bar.
     limit: no new round begins after so many seconds, but the first three do.
+
+    Example:
+        >>> cases = {"shift": lambda: js.shift(F, p_PQ), "dot": lambda: js.dot(F, V)}
+        >>> seconds = js.measure.interleaved(cases, rounds=5)
+        >>> print({name: x.shape for name, x in seconds.items()})
+        {'shift': (5,), 'dot': (5,)}
     """
     for call in cases.values():
         jax.block_until_ready(call())
@@ -48,7 +54,12 @@ def interleaved(
 
 
 def machine():
-    """One line that says where numbers come from."""
+    """One line that says where numbers come from.
+
+    Example:
+        >>> print(jax.__version__ in js.measure.machine())
+        True
+    """
     n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     cores = f"{n} core{'' if n == 1 else 's'} in use, {jax.default_backend()}"
     versions = f"jax {jax.__version__}, jaxlib {version('jaxlib')}, numpy {np.__version__}"
@@ -79,6 +90,11 @@ class Recommendation:
     """What `recommend` found; printed, it is a table.
 
     precision: the fastest that holds the tolerance, None where none does. rows: a `Measured` for each precision.
+
+    Example:
+        >>> found = js.measure.recommend(lambda x: 2.0 * x, np.float32(1.5), tolerance=1e-6, rounds=1)
+        >>> print([row.precision for row in found.rows if row.holds])
+        ['fast', 'reproducible', 'compensated', 'faithful']
     """
 
     def __init__(self, rows: Iterable[Measured], tolerance: float):
@@ -108,8 +124,6 @@ class Recommendation:
 def recommend(function: Callable[..., Any], *arguments: Any, tolerance: float, rounds: int = 9):
     """Which precision a function needs on given arguments, and what each costs on this machine.
 
-        print(recommend(lambda q, v, a: js.inverse_dynamics(mech, q, v, a), q, v, a, tolerance=1e-6))
-
     The function is compiled in each precision, as the default (calls inside that name one keep it), timed alternately,
     and compared with a reference: itself in "compensated", on the same numbers as float64. For float64 arguments that
     is the best that the function does, not exact: errors below 1e-15 say no more.
@@ -126,6 +140,13 @@ def recommend(function: Callable[..., Any], *arguments: Any, tolerance: float, r
 
     Raises:
         ValueError: the tolerance is not positive, or the arguments have no floating numbers.
+
+    Example:
+        >>> f, v = np.float32([1e4, 1.0, 1e4]), np.float32([1e4, 0.1, -1e4])
+        >>> power = lambda f, v: js.dot(js.SpatialForce(f=f), js.SpatialVelocity(v=v))
+        >>> found = js.measure.recommend(power, f, v, tolerance=1e-6, rounds=1)
+        >>> print([row.precision for row in found.rows if row.holds])
+        ['compensated', 'faithful']
     """
     if not tolerance > 0:
         raise ValueError(f"recommend: tolerance: expected a number above 0, got {tolerance!r}")

@@ -32,10 +32,6 @@ class Actuators:
     ctrl is clipped to its own limits first. A servo has gain = stiffness = kp and damping = kv, and ctrl is where it is
     to go; a speed controller has gain = damping = kv, a motor its gain alone.
 
-        legs = js.Actuators.from_mjcf(mech, "dog.xml")
-        legs = js.Actuators(["hip", "knee"], gain=60.0, stiffness=60.0, damping=2.0, lower=-23.7, upper=23.7)
-        tau = legs.torques(mech, q, v, ctrl)
-
     Args:
         names: names of the actuators, n of them, in the order of ctrl; static.
         joints: for each actuator the joint of one coordinate that it pulls at, or a sequence of such; static. None
@@ -55,6 +51,12 @@ class Actuators:
         ValueError: shapes do not fit.
 
     Error: none, nothing is computed.
+
+    Example:
+        >>> kp = 60.0
+        >>> servos = js.Actuators(["shoulder", "elbow"], gain=kp, stiffness=kp, damping=2.0, lower=-10.0, upper=10.0)
+        >>> print(servos.torques(arm, q, v, jnp.array([0.6, 0.0])))
+        [ 4. 10.]
     """
 
     names: tuple[str, ...]
@@ -143,6 +145,14 @@ class Actuators:
                 mechanism.
 
         Error: none but that of the dtype.
+
+        Example:
+            >>> part = '<body><joint name="knee" axis="0 1 0"/><geom size="0.1"/></body>'
+            >>> motor = '<motor name="motor" joint="knee" gear="3" ctrlrange="-1 1"/>'
+            >>> text = f"<mujoco><worldbody>{part}</worldbody><actuator>{motor}</actuator></mujoco>"
+            >>> knee = js.Mechanism.from_mjcf(text)
+            >>> print(js.Actuators.from_mjcf(knee, text).torques(knee, jnp.zeros(1), jnp.zeros(1), jnp.array([2.0])))
+            [3.]
         """
         from jaxspatial.mechanism.formats import mjcf
 
@@ -165,7 +175,13 @@ class Actuators:
         return np.dtype(self.gain.dtype)
 
     def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
+
+        Example:
+            >>> motors = js.Actuators(["shoulder", "elbow"], gears=np.float64([50.0, 50.0]))
+            >>> print(motors.dtype, motors.astype(np.float32).dtype)
+            float64 float32
+        """
         return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def torques(
@@ -195,6 +211,11 @@ class Actuators:
             ValueError: shapes do not fit, or a joint has more than one coordinate.
 
         Error: for actuators of one joint each 8 u of the sum of the sizes of the terms.
+
+        Example:
+            >>> motors = js.Actuators(["shoulder", "elbow"], gears=50.0, ctrl_lower=-0.2, ctrl_upper=0.2)
+            >>> print(motors.torques(arm, q, v, jnp.array([0.1, 0.5])))
+            [ 5. 10.]
         """
         what, n = "Actuators.torques", len(self.names)
         sizes = {"q": (q, mech.nq), "v": (v, mech.nv), "ctrl": (ctrl, n)}

@@ -23,10 +23,6 @@ _PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
 class PointContacts:
     """Spheres on named frames that touch the ground: the `contacts` of `contact_forces`.
 
-        feet = js.PointContacts(
-            ["foot_left", "foot_right"], radius=0.02, stiffness=1e5, relaxation_time=0.01, friction=0.8
-        )
-
     Sphere i has its centre at position i of frame i; with a radius of zero it is a point. Any number of spheres may be
     on one frame. The law that turns their depth and speed into forces belongs to the function that takes them. Every
     number but the names of frames is data: it can be differentiated, and batched.
@@ -46,6 +42,12 @@ class PointContacts:
         ValueError: shapes do not fit, or a number known while tracing is negative, a stiffness zero.
 
     Error: none, nothing is computed.
+
+    Example:
+        >>> law = {"stiffness": 1e4, "relaxation_time": 0.01, "friction": 0.8}
+        >>> feet = js.PointContacts(["hand", "lower"], radius=[0.02, 0.0], **law)
+        >>> print(js.contact_report(arm, q, v, feet, js.HalfSpace(offset=-2.0)).depths)
+        [-0.1471 -1.1224]
     """
 
     frames: tuple[str, ...]
@@ -132,6 +134,14 @@ class PointContacts:
             ValueError: a shape is malformed or unknown, with its line; or there is none to take.
 
         Error: a few u of the size of a link in the positions.
+
+        Example:
+            >>> inertia = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+            >>> shape = '<collision><geometry><sphere radius="0.25"/></geometry></collision>'
+            >>> text = f'<robot name="r"><link name="ball"><inertial>{inertia}</inertial>{shape}</link></robot>'
+            >>> ball, law = js.Mechanism.from_urdf(text, floating_base=True), {"relaxation_time": 0.01, "friction": 0.5}
+            >>> print(js.PointContacts.from_urdf(ball, text, stiffness=1e4, **law).radius)
+            [0.25]
         """
         from jaxspatial.mechanism.formats import collision, urdf
 
@@ -187,6 +197,14 @@ class PointContacts:
             ValueError: MuJoCo does not compile the file, or there is no geom to take.
 
         Error: a few u of the size of a body in the positions.
+
+        Example:
+            >>> part = '<body name="puck"><freejoint/><geom size="0.25" friction="0.5"/></body>'
+            >>> text = f"<mujoco><worldbody>{part}</worldbody></mujoco>"
+            >>> mech, law = js.Mechanism.from_mjcf(text), {"stiffness": 1e4, "relaxation_time": 0.01}
+            >>> puck = js.PointContacts.from_mjcf(mech, text, **law)
+            >>> print(puck.frames, puck.radius, puck.friction)
+            ('puck',) [0.25] [0.5]
         """
         from jaxspatial.mechanism.formats import collision, mjcf
 
@@ -208,7 +226,13 @@ class PointContacts:
         return np.dtype(self.stiffness.dtype)
 
     def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
+
+        Example:
+            >>> feet = js.PointContacts(["hand"], stiffness=np.float64(1e4), relaxation_time=0.01, friction=0.8)
+            >>> print(feet.dtype, feet.astype(np.float32).dtype)
+            float64 float32
+        """
         return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def __repr__(self) -> str:

@@ -42,6 +42,12 @@ class ClosestPoints(NamedTuple):
     distance: (*batch,) m, below zero where they penetrate. normal: (*batch, 3) of unit length, from shape a to shape b:
         along it they come apart. point_a, point_b: (*batch, 3) on the surfaces, in the axes and from the origin of the
         placements: point_b - point_a is the distance times the normal.
+
+    Example:
+        >>> aside = js.RigidTransform(js.Rotation.identity(), [3.0, 0.0, 0.0])
+        >>> closest = js.closest_points(js.Sphere(1.0), js.Sphere(0.5, aside))
+        >>> print(closest.distance, closest.normal)
+        1.5 [1. 0. 0.]
     """
 
     distance: jax.Array

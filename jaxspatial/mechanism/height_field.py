@@ -23,14 +23,11 @@ from jaxspatial.spatial import RigidTransform
 class HeightField(Shape):
     """Terrain by its heights on a grid, for the `ground` of a step: bilinear between samples.
 
-        terrain = js.HeightField(heights, (8.0, 4.0))      # heights[i, j] at x_i and y_j; 8 m along x, 4 m along y
-        js.convex_step(mech, q, v, tau, dt, contacts=feet, ground=terrain)
-
-    The samples go from -size / 2 to size / 2 along x and y of the field. The distance of a point is f / |grad f|, with
-    f = z - h(x, y): that to the plane which touches the surface above or under the point. It is right to first order,
-    best close to the surface; the normal is that of the surface there. On a line between cells it is that of the cell
-    on the side of larger coordinates. Beyond the border the heights of the border hold, and the normal has no part that
-    points out of the field.
+    heights[i, j] is at x_i and y_j. The samples go from -size / 2 to size / 2 along x and y of the field. The distance
+    of a point is f / |grad f|, with f = z - h(x, y): that to the plane which touches the surface above or under the
+    point. It is right to first order, best close to the surface; the normal is that of the surface there. On a line
+    between cells it is that of the cell on the side of larger coordinates. Beyond the border the heights of the border
+    hold, and the normal has no part that points out of the field.
 
     Heights are data: they can be differentiated, and `vmap` gives each environment its own. A height that is NaN is
     none where it counts, and changes nothing elsewhere.
@@ -49,6 +46,11 @@ class HeightField(Shape):
         the largest height of the cell, up and down, and s the largest slope along a line of the grid, of the cell and
         of those beside it; in "compensated" and "faithful" u of the distance and 1024 u^2 of the same. Coordinates of
         16 bits are taken to float32 first. A normal is that at a point which is 8 u (|p| + |p_WS| + size) away.
+
+    Example:
+        >>> ridge = js.HeightField([[0.0, 0.0], [0.5, 0.5], [0.0, 0.0]], size=(4.0, 2.0))  # along y
+        >>> print(ridge(jnp.array([0.0, 0.0, 0.5])), ridge.normal_at(jnp.array([-1.0, 0.0, 0.5])))
+        0.0 [-0.2425  0.      0.9701]
     """
 
     heights: jax.Array
@@ -99,6 +101,12 @@ class HeightField(Shape):
             ValueError: they are no image of one channel.
 
         Error: each height is rounded twice.
+
+        Example:
+            >>> levels = np.array([[0, 255], [0, 255]], np.uint8)  # black on the left, white on the right
+            >>> print(js.HeightField.from_image(levels, (10.0, 10.0), 1.5).heights)
+            [[0.  0. ]
+             [1.5 1.5]]
         """
         image: Any = levels if isinstance(levels, jax.Array) else np.asarray(levels)
         if image.ndim != 2:
@@ -149,6 +157,14 @@ class HeightField(Shape):
 
         Error: none in the heights but that of MuJoCo's, which are float32 shares of the largest; a few u of the
             position in the placement.
+
+        Example:
+            >>> hills = '<hfield name="hills" nrow="2" ncol="2" size="5 5 1.5 1" elevation="0 1 0 1"/>'
+            >>> world = '<worldbody><geom type="hfield" hfield="hills"/></worldbody>'
+            >>> terrain = js.HeightField.from_mjcf(f"<mujoco><asset>{hills}</asset>{world}</mujoco>")
+            >>> print(terrain.size, terrain.heights)
+            [10. 10.] [[0.  0. ]
+             [1.5 1.5]]
         """
         from jaxspatial.mechanism.formats import mjcf
 

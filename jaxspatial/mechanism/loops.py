@@ -20,9 +20,6 @@ ROWS = {"weld": 6, "hinge": 5, "universal": 4, "ball": 3, "distance": 1}
 class LoopClosure:
     """A closure of a loop: holds frame B against frame A as a joint of this kind would.
 
-        js.LoopClosure("rod_end", "crank_pin", "ball")
-        js.LoopClosure("rail", "slider", "distance", 0.25)
-
     Both frames are frames of the mechanism, or "world"; `add_frames` makes those that there are not.
 
     Args:
@@ -38,6 +35,11 @@ class LoopClosure:
     Raises:
         TypeError: a name is no text, or the distance no number of floating point.
         ValueError: there is no such kind, a "distance" has no distance above 0, or another kind has one.
+
+    Example:
+        >>> pin = js.LoopClosure("rod_end", "crank_pin", "hinge")
+        >>> print(pin.rows, js.LoopClosure("rail", "slider", "distance", 0.25))
+        5 LoopClosure('rail', 'slider', 'distance', 0.25)
     """
 
     frame_a: str

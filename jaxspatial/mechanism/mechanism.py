@@ -185,6 +185,14 @@ class Mechanism:
         Warns:
             ModelFileWarning: names coordinates along which nothing has inertia, inertias that no rigid body has, other
                 doubts, and unknown words that were left out. Nothing is said of pictures, contact and control.
+
+        Example:
+            >>> inertia = '<mass value="2"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+            >>> link = f'<link name="base"/><link name="arm"><inertial>{inertia}</inertial></link>'
+            >>> joint = '<parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
+            >>> lift = f'<robot name="lift">{link}<joint name="lift" type="prismatic">{joint}</joint></robot>'
+            >>> print(js.gravity_forces(js.Mechanism.from_urdf(lift), jnp.zeros(1)))
+            [19.62]
         """
         from jaxspatial.mechanism.formats import urdf
 
@@ -220,6 +228,12 @@ class Mechanism:
         Warns:
             ModelFileWarning: names coordinates along which nothing has inertia, joints and constraints that became
                 something else, other doubts, and what was left out that changes the motion.
+
+        Example:
+            >>> part = '<joint name="hinge" axis="0 1 0"/><geom size="0.1" pos="0 0 -0.5" mass="2"/>'
+            >>> pendulum = js.Mechanism.from_mjcf(f"<mujoco><worldbody><body>{part}</body></worldbody></mujoco>")
+            >>> print(pendulum.joint_names, js.gravity_forces(pendulum, jnp.array([np.pi / 2])))
+            ('hinge',) [9.81]
         """
         from jaxspatial.mechanism.formats import mjcf
 
@@ -633,11 +647,22 @@ class StaticMechanism(Mechanism, ByContents):
         return Mechanism.as_static, (self._as_known(),)
 
     def astype(self, dtype: DTypeLike | None) -> "StaticMechanism":
-        """Converts all arrays to a dtype, JAX's default for None. The result is static too."""
+        """Converts all arrays to a dtype, JAX's default for None. The result is static too.
+
+        Example:
+            >>> print(arm.as_static().astype(np.float16).dtype)
+            float16
+        """
         return super().astype(dtype).as_static()
 
     def as_static(self) -> "StaticMechanism":
-        """Returns itself."""
+        """Returns itself.
+
+        Example:
+            >>> fixed = arm.as_static()
+            >>> print(fixed.as_static() is fixed)
+            True
+        """
         return self
 
 

@@ -21,9 +21,6 @@ _LAW = ("stiffness", "relaxation_time", "friction")
 class ShapeContacts:
     """A shape on each of some named frames, for the `pairs` of a step: spheres on other bodies touch it.
 
-        crate = js.ShapeContacts(["crate"] * 8, js.Box([0.4, 0.4, 0.2]), **law)
-        js.convex_step(mech, q, v, tau, dt, pairs=(crate, corners_of_another))
-
     Sphere i of the other touches the shape on frame i: a name comes once for each sphere that may touch its shape.
 
     Args:
@@ -40,6 +37,12 @@ class ShapeContacts:
         ValueError: shapes do not fit, or a number known while tracing is negative, a stiffness zero.
 
     Error: none, nothing is computed.
+
+    Example:
+        >>> law = {"stiffness": 1e4, "relaxation_time": 0.01, "friction": 0.8}
+        >>> crate, tip = js.ShapeContacts(["world"], js.Box([4.0, 4.0, 4.0]), **law), js.PointContacts(["hand"], **law)
+        >>> print(js.contact_report(arm, q, v, pairs=(crate, tip)).depths)
+        [0.1671]
     """
 
     frames: tuple[str, ...]
@@ -95,7 +98,14 @@ class ShapeContacts:
         return self.shape.dtype
 
     def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
+
+        Example:
+            >>> law = {"stiffness": 1e4, "relaxation_time": 0.01, "friction": 0.8}
+            >>> ball = js.ShapeContacts(["hand"], js.Sphere(np.float64(0.5)), **law)
+            >>> print(ball.dtype, ball.astype(np.float32).dtype)
+            float64 float32
+        """
         return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def __repr__(self) -> str:

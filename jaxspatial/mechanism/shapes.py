@@ -165,7 +165,13 @@ class Shape:
         return np.dtype(getattr(self, next(iter(self._axes))).dtype)
 
     def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy."""
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
+
+        Example:
+            >>> ball = js.Sphere(np.float64(0.1))
+            >>> print(ball.dtype, ball.astype(np.float32).dtype)
+            float64 float32
+        """
         return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def __call__(self, point: ArrayLike) -> jax.Array:
@@ -173,7 +179,14 @@ class Shape:
         return self._checked(point)[1]
 
     def normal_at(self, point: ArrayLike) -> jax.Array:
-        """The normal (*batch, 3) of unit length out of the shape, at points (*batch, 3); batch shapes broadcast."""
+        """The normal (*batch, 3) of unit length out of the shape, at points (*batch, 3); batch shapes broadcast.
+
+        Example:
+            >>> wedge = js.HalfSpace([0.0, -3.0, 4.0])
+            >>> print(wedge.normal_at(jnp.array([[0.0, 0.0, 1.0], [5.0, 0.0, 9.0]])))
+            [[ 0.  -0.6  0.8]
+             [ 0.  -0.6  0.8]]
+        """
         return self._checked(point)[0]
 
     def _checked(self, point: ArrayLike) -> tuple[jax.Array, jax.Array]:
@@ -184,7 +197,15 @@ class Shape:
         return check.narrowed(self).normals_and_distances(None, p)
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
-        """The normals (*batch, 3) of the surface, and the signed distances (*batch,), of points (*batch, 3)."""
+        """The normals (*batch, 3) of the surface, and the signed distances (*batch,), of points (*batch, 3).
+
+        Example:
+            >>> at = jnp.array([[2.0, 0.0, 0.0], [0.0, 0.0, 0.25]])
+            >>> normals, distances = js.Sphere(0.5).normals_and_distances(None, at)
+            >>> print(normals, distances)
+            [[1. 0. 0.]
+             [0. 0. 1.]] [ 1.5  -0.25]
+        """
         numbers = (check.expanded(getattr(self, k)) if n == 0 else getattr(self, k) for k, n in self._axes.items())
         return tuple(type(self)._formula(precision, p, self.pose, *numbers))
 
@@ -194,7 +215,13 @@ class Shape:
         return pose_of(self.placement, self.dtype)
 
     def of_many_points(self) -> Self:
-        """The same with one more axis behind those of the batch, over points of each item."""
+        """The same with one more axis behind those of the batch, over points of each item.
+
+        Example:
+            >>> balls = js.Sphere([0.5, 1.0])  # two, each with three points of its own
+            >>> print(balls.of_many_points()(jnp.ones((2, 3, 3))).shape)
+            (2, 3)
+        """
         parts = {k: _with_axis(getattr(self, k), n) for k, n in self._axes.items()}
         return _changed(self, **parts, placement=_placement_of_many(self.placement))
 
@@ -267,8 +294,6 @@ def check_shape(shape, least: dict[str, float] | None = None) -> None:
 class Sphere(Shape):
     """A ball.
 
-        js.Sphere(0.1)(jnp.array([0.0, 0.0, 0.5]))     # 0.4
-
     At the centre the normal is z of the shape, with the derivatives of a plane across it.
 
     Args:
@@ -283,6 +308,11 @@ class Sphere(Shape):
     Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
         "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
         counts. A normal is exact for a point that is as far away as that.
+
+    Example:
+        >>> ball = js.Sphere(0.1)
+        >>> print(ball(jnp.array([0.0, 0.0, 0.5])), ball(jnp.array([0.0, 0.0, 0.0])))
+        0.4 -0.1
     """
 
     radius: jax.Array
@@ -317,6 +347,11 @@ class Capsule(Shape):
     Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
         "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
         counts. A normal is exact for a point that is as far away as that.
+
+    Example:
+        >>> rod = js.Capsule(0.25, length=2.0)
+        >>> print(rod(jnp.array([[0.5, 0.0, 0.9], [0.0, 0.0, 2.0]])))
+        [0.25 0.75]
     """
 
     radius: jax.Array
@@ -353,6 +388,11 @@ class Box(Shape):
     Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
         "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
         counts. A normal is exact for a point that is as far away as that.
+
+    Example:
+        >>> wall = js.Box([0.5, np.inf, np.inf])
+        >>> print(wall(jnp.array([2.0, 3.0, 4.0])), wall.normal_at(jnp.array([2.0, 3.0, 4.0])))
+        1.75 [1. 0. 0.]
     """
 
     size: jax.Array
@@ -388,6 +428,11 @@ class Cylinder(Shape):
     Error: of a distance at most 16 u (|p| + |p_WS| + size), with p_WS the translation of the placement, in "fast" and
         "reproducible"; in "compensated" and "faithful" u of the distance and 256 u^2 of the same. The default precision
         counts. A normal is exact for a point that is as far away as that.
+
+    Example:
+        >>> drum = js.Cylinder(0.5, length=1.0)
+        >>> print(drum(jnp.array([[2.0, 0.0, 0.0], [0.0, 0.0, 2.0]])))
+        [1.5 1.5]
     """
 
     radius: jax.Array
@@ -409,10 +454,9 @@ class Cylinder(Shape):
 class Stairs(Shape):
     """Stairs up along x, as wide as the world: flat ground up to the origin, steps, and flat ground behind them.
 
-        ground = js.Stairs(8, run=0.3, rise=0.15)      # the first tread is 0.15 m above z = 0, from x = 0 to 0.3
-
-    The distance is that of the whole staircase, also inside: a foot that is deeper below the tread than behind the
-    riser is pushed back. On an edge the normal is that of the tread; of two steps as near it is that of the higher one.
+    The first tread is from x = 0 to the run, and as high above z = 0 as the rise. The distance is that of the whole
+    staircase, also inside: a foot that is deeper below the tread than behind the riser is pushed back. On an edge the
+    normal is that of the tread; of two steps as near it is that of the higher one.
 
     Args:
         steps: how many; static, at least 1.
@@ -426,6 +470,11 @@ class Stairs(Shape):
         ValueError: shapes do not fit, there are no steps, or a number known while tracing is negative.
 
     Error: as of a Box, with steps (run + rise) for its size.
+
+    Example:
+        >>> stairs = js.Stairs(8, run=0.25, rise=0.125)
+        >>> print(stairs(jnp.array([[-1.0, 0.0, 1.0], [0.375, 0.0, 1.0]])))
+        [1.    0.625]
     """
 
     steps: int
@@ -457,8 +506,6 @@ class Union(Shape):
     """Several shapes as one: its distance is the least of theirs, its normal that of the nearest, of the first of some
     that are as near.
 
-        ground = js.Union([js.HalfSpace(), js.Box([0.4, 0.4, 0.2], js.RigidTransform(R, p))])
-
     Outside distances are exact where those of the parts are. Inside, where parts overlap, the depth is that in the
     deepest of them, and the surface may be farther.
 
@@ -470,6 +517,11 @@ class Union(Shape):
         ValueError: there are none, or batch shapes do not broadcast.
 
     Error: that of the parts.
+
+    Example:
+        >>> ground = js.Union([js.HalfSpace(), js.Box([0.5, 0.5, 0.5])])
+        >>> print(ground(jnp.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0]])))
+        [0.75 1.  ]
     """
 
     shapes: tuple[Shape, ...]
@@ -542,9 +594,6 @@ def _distance(n: Vector, p: Vector, offset: Numbers):
 class HalfSpace(Shape):
     """The ground under a plane: a function from a point to its signed distance, m.
 
-        ground = js.HalfSpace([0.0, -0.5, 1.0])     # a slope
-        ground(p_WP)                                # above zero outside, below zero inside
-
     Args:
         normal: (3,) or (*batch, 3), out of the ground, in world axes; of any length above zero.
         offset: distance of the plane from the origin of the world along the normal, m: a number or (*batch,).
@@ -554,6 +603,11 @@ class HalfSpace(Shape):
         ValueError: shapes do not fit, or a normal known while tracing is zero.
 
     Error: none, nothing is computed; of a distance 8 u (|p| + |offset|).
+
+    Example:
+        >>> slope = js.HalfSpace([0.0, -3.0, 4.0])
+        >>> print(slope(jnp.array([0.0, 0.0, 1.0])), slope.normal_at(jnp.array([0.0, 0.0, 1.0])))
+        0.8 [ 0.  -0.6  0.8]
     """
 
     normal: jax.Array = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType]

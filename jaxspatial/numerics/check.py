@@ -43,6 +43,13 @@ class NarrowingWarning(UserWarning):
         F.astype(np.float32)                                            # say that float32 is meant
         warnings.simplefilter("ignore", jaxspatial.NarrowingWarning)    # silence
         warnings.simplefilter("error", jaxspatial.NarrowingWarning)     # find out where
+
+    Example:
+        >>> import warnings
+        >>> with jax.enable_x64(False), warnings.catch_warnings():
+        ...     warnings.simplefilter("ignore", js.NarrowingWarning)
+        ...     print(js.Rotation.exp(np.float64([0.0, 0.0, 0.5])).dtype)
+        float32
     """
 
 

@@ -21,6 +21,11 @@ class Precision(enum.StrEnum):
 
     Each operation states its bounds in terms of u, the unit roundoff of the inputs' dtype, mag, the sum of the absolute
     values of the terms of a component, and r, the exact component. The last two hold for derivatives of every order.
+
+    Example:
+        >>> near = js.SpatialForce(f=np.float32([1e4, 1.0, 1e4])), js.SpatialVelocity(v=np.float32([1e4, 0.1, -1e4]))
+        >>> print([round(float(js.dot(*near, precision=p)), 4) for p in js.Precision])
+        [0.0, 0.0, 0.1, 0.1]
     """
 
     FAST = "fast"

@@ -269,12 +269,24 @@ class Rotation(Quantity):
 
     @classmethod
     def about_y(cls, angle: ArrayLike, *, precision: PrecisionName = None) -> Self:
-        """The rotation about the y axis; arguments, result and errors as of `about_x`."""
+        """The rotation about the y axis; arguments, result and errors as of `about_x`.
+
+        Example:
+            >>> R_AB = js.Rotation.about_y(np.pi / 2)
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [ 3.  2. -1.]
+        """
         return cls._about_coordinate_axis(1, angle, precision)
 
     @classmethod
     def about_z(cls, angle: ArrayLike, *, precision: PrecisionName = None) -> Self:
-        """The rotation about the z axis; arguments, result and errors as of `about_x`."""
+        """The rotation about the z axis; arguments, result and errors as of `about_x`.
+
+        Example:
+            >>> R_AB = js.Rotation.about_z(np.pi / 2)
+            >>> print(R_AB @ [1.0, 2.0, 3.0])
+            [-2.  1.  3.]
+        """
         return cls._about_coordinate_axis(2, angle, precision)
 
     @classmethod
@@ -439,7 +451,15 @@ class Rotation(Quantity):
     # -- to other forms -----------------------------------------------------------------------------------------------
 
     def to_matrix(self) -> jax.Array:
-        """The matrix (*batch, 3, 3). Exact."""
+        """The matrix (*batch, 3, 3). Exact.
+
+        Example:
+            >>> R_AB = js.Rotation.from_quaternion([0.0, 0.0, 0.0, 1.0])
+            >>> print(R_AB.to_matrix())
+            [[-1.  0.  0.]
+             [ 0. -1.  0.]
+             [ 0.  0.  1.]]
+        """
         return matrices(self.entries, 3)
 
     @promises(bound=TO_QUATERNION)
@@ -527,7 +547,13 @@ class Rotation(Quantity):
     # -- operations ---------------------------------------------------------------------------------------------------
 
     def inverse(self) -> "Rotation":
-        """R_BA of R_AB: the transpose. Exact, and known while tracing where R_AB is."""
+        """R_BA of R_AB: the transpose. Exact, and known while tracing where R_AB is.
+
+        Example:
+            >>> R_AB = js.Rotation.about_z(np.pi / 2)
+            >>> print(R_AB.inverse() @ [1.0, 2.0, 3.0])
+            [ 2. -1.  3.]
+        """
         is_known = isinstance(self.entries, np.ndarray)
         return Rotation(self.entries[..., _TRANSPOSED] if is_known else _transposed(None, self.entries))
 
@@ -620,6 +646,11 @@ class Rotation(Quantity):
 
         Error: at most 6 u normwise for |w| <= pi.
         Source: Barfoot 2017, State estimation for robotics, 7.1.3.
+
+        Example:
+            >>> theta = [0.0, 0.0, np.pi]
+            >>> print(js.Rotation.left_jacobian_inverse(theta) @ np.array([2.0, 4.0, 6.0]))
+            [ 6.2832 -3.1416  6.    ]
         """
         w = check.as_vectors(w, "Rotation.left_jacobian_inverse: w")
         return matrices(_left_jacobian_inverse(precision, w), 3)

@@ -267,11 +267,21 @@ class SpatialVector(Additive):
     # -- operations ---------------------------------------------------------------------------------------------------
 
     def shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None = None, *, precision: PrecisionName = None) -> Self:
-        """To another point of the body, see `jaxspatial.shift`."""
+        """To another point of the body, see `jaxspatial.shift`.
+
+        Example:
+            >>> print(F.shift(p_PQ))
+            SpatialForce(tau=[2.0, -1.0, -3.0], f=[1.0, 2.0, 0.0])
+        """
         return self._shift(p_PQ_E, w, precision)
 
     def dot(self, other: "SpatialVector", *, precision: PrecisionName = None) -> jax.Array:
-        """The pairing of force and velocity, see `jaxspatial.dot`."""
+        """The pairing of force and velocity, see `jaxspatial.dot`.
+
+        Example:
+            >>> print(F.dot(V), V.dot(F))
+            3.5 3.5
+        """
         return self._dot(other, precision)
 
     def __rmatmul__(self, R_AE: Rotation) -> Self:

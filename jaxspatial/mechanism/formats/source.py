@@ -55,6 +55,15 @@ class ModelFileWarning(UserWarning):
             inertia along coordinates".
         unknown: what was left out that changes the motion, or may: words that the reader does not know, by kind.
         left_out: all that was left out, what serves pictures, contact or control too, by kind.
+
+    Example:
+        >>> import warnings
+        >>> text = '<robot name="r"><link name="a"><inertial><mass value="1"/></inertial></link></robot>'
+        >>> with warnings.catch_warnings(record=True) as said:
+        ...     warnings.simplefilter("always")
+        ...     mech = js.Mechanism.from_urdf(text, floating_base=True)
+        >>> print(list(said[0].message.doubtful)[-1])
+        <inertial> without inertia, taken as 0
     """
 
     def __init__(

@@ -92,7 +92,13 @@ class DoubleWord(Arithmetic, Compared, check.StandIn):
         return self.hi, self.lo
 
     def with_limbs(self, limbs: Iterable) -> "DoubleWord":
-        """A number of this kind, see `Number`."""
+        """A number of this kind, see `Number`.
+
+        Example:
+            >>> third = js.to_double_word(1.0) / 3.0
+            >>> print((third.with_limbs(third.limbs) - third).hi)
+            0.0
+        """
         return of_limbs(limbs)
 
     def _constant(self, number: float | fractions.Fraction) -> "DoubleWord":
