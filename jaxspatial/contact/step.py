@@ -151,7 +151,7 @@ def convex_step(
         precision: name of a precision; None takes the default.
 
     Returns:
-        ConvexStep over the common batch. It is NaN where a joint turns by more than 1 / u rad in the step.
+        ConvexStep over the common batch. What turns by more than some 1 / u rad in the step is NaN, see `integrate`.
 
     Raises:
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while

@@ -38,7 +38,8 @@ def integrate(
         precision: name of a precision; None takes the default.
 
     Returns:
-        q (*batch, nq), over the common batch; quaternions of unit length, of either sign.
+        q (*batch, nq), over the common batch; quaternions of unit length, of either sign. What turns by more than some
+        1 / u rad, such as the quaternion of a "ball", is NaN; in "compensated" and "faithful" by more than 1 / u^2.
 
     Raises:
         TypeError: the first argument is no Mechanism, or dtypes differ or are not floating point.

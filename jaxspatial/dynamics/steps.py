@@ -90,7 +90,8 @@ def semi_implicit_step(
         precision: name of a precision; None takes the default.
 
     Returns:
-        (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length.
+        (q (*batch, nq), v (*batch, nv)) after the time dt, over the common batch; quaternions of unit length. What
+        turns by more than some 1 / u rad in the step is NaN, see `integrate`.
 
     Raises:
         TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a

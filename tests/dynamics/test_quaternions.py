@@ -242,3 +242,14 @@ def test_states_and_poses_of_others_are_read_at_any_length():
         expected, halved, long = interpreted(jax.vmap(call))(np.stack([scaled(mech, q, x) for x in (1, -0.5, 1e3)]))
         np.testing.assert_array_equal(halved, expected, err_msg=name)
         np.testing.assert_allclose(long, expected, rtol=0, atol=64 * U * abs(expected).max())
+
+
+def test_a_turn_beyond_all_digits_is_nan():
+    """And one of half of 1 / u rad is a quaternion of unit length; numbers that do not turn are numbers."""
+    mech, (q, _, v, _) = mechanism(), state()
+    v = np.stack([v, v])
+    v[:, -1] = 0.5 / U, 4 / U
+    within, beyond = np.asarray(js.integrate(mech, q, v))
+    ball, rest = within[-4:], slice(None, -4)
+    assert abs(ball @ ball - 1) < 32 * U and np.isnan(beyond[-4:]).all()
+    np.testing.assert_array_equal(beyond[rest], within[rest])
