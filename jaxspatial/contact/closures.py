@@ -23,9 +23,11 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import ROWS, checked_loops
+from jaxspatial.mechanism.shapes import directions
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Motion, Wrench
 from jaxspatial.numerics.numbers import Mask, Number, high, where
+from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
@@ -66,7 +68,7 @@ def require_closable(
             p = X_B.translation - X_A.translation
             X_AB = PoseOfB(times(R_A.T, R_B), times(p, R_A))
             placed = Placed(loop.kind, None, True, R_A, X_A.translation, p, X_AB)
-            error = placed.error if distance is None else _length(p) - distance
+            error = placed.error if distance is None else _direction(p)[1] - distance
             gap = float(jnp.max(jnp.abs(error)))
         if gap > check.eps(dtype) ** 0.5:
             raise ValueError(
@@ -110,7 +112,7 @@ class Placed(NamedTuple):
         """(rows,), see `constraint_error`."""
         R, p = self.X_AB
         if self.distance is not None:
-            return _length(p)[None] - self.distance
+            return _direction(p)[1][None] - self.distance
         if self.kind == "weld":
             return jnp.concatenate([Rotation(R.reshape(9)).log(), p])
         if self.kind == "hinge":
@@ -126,9 +128,7 @@ class Placed(NamedTuple):
             across = jnp.stack([-R[1, 0], R[0, 0], *jnp.zeros(4, R.dtype)])  # z of A x x of B
             return jnp.concatenate([across[None], twist[3:]])
         if self.kind == "distance":
-            length, z = _length(p), np.array([0, 0, 1], R.dtype)
-            along = jnp.where(_is_zero(p), z, p / jnp.where(length == 0, 1, length))
-            return jnp.concatenate([jnp.zeros(3, R.dtype), along])[None]
+            return jnp.concatenate([jnp.zeros(3, R.dtype), _direction(p)[0]])[None]
         return {"weld": twist, "hinge": twist[np.array([0, 1, 3, 4, 5])], "ball": twist[3:]}[self.kind]
 
     @property
@@ -150,16 +150,8 @@ class Placed(NamedTuple):
         return times(N, jnp.concatenate([alpha, a])) + times(of_N, jnp.concatenate([w, v]))
 
 
-def _length(p: jax.Array) -> jax.Array:
-    """|p|; at 0 with the derivative along z, the direction that stands for that of p there."""
-    is_zero = _is_zero(p)
-    return jnp.where(is_zero, p[2], jnp.sqrt(jnp.where(is_zero, 1, jnp.sum(p * p))))
-
-
-def _is_zero(p: jax.Array) -> jax.Array:
-    return jnp.sum(p * p) == 0
-
-
+# As all numbers of closures, in every precision.
+_direction = functools.partial(directions, Precision.REPRODUCIBLE)
 times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 
 

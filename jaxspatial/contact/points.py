@@ -24,7 +24,7 @@ from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.parts import WORLD
-from jaxspatial.mechanism.shapes import direction
+from jaxspatial.mechanism.shapes import directions
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot
@@ -212,7 +212,7 @@ def between(
         distance = s - r_B
         from_b = _to_contact(precision, -normal, *map(check.expanded, (r_B, distance)), k_B, k_A)
         return normal, distance, from_origin + from_b, from_b
-    normal, length = _direction(precision, p_WB - _centres(mechanism, q, others, precision))
+    normal, length = directions(precision, p_WB - _centres(mechanism, q, others, precision))
     r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in (others, spheres))
     distance = length - r_A - r_B
     of_a, of_b, d = map(check.expanded, (r_A, r_B, distance))
@@ -256,9 +256,6 @@ def _centres(mechanism: Mechanism, q: jax.Array, contacts: PointContacts, precis
 
 def _each(x: Any, contacts: PointContacts | ShapeContacts) -> Any:
     return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], len(contacts.frames)))
-
-
-_direction = formula(lambda p: list(direction(p)))
 
 
 # -- the term ---------------------------------------------------------------------------------------------------------

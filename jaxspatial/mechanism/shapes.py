@@ -34,6 +34,12 @@ def direction_or(v: Vector, normal: Vector, distance: Number) -> tuple[Vector, N
     return unit(apart), where(is_zero, distance, norm(apart))
 
 
+@formula
+def directions(v: Vector) -> list[Any]:
+    """`direction` of arrays."""
+    return list(direction(v))
+
+
 def _sphere(p: Vector, radius: Numbers) -> tuple[Vector, Number]:
     n, length = direction(p)
     return n, length - radius[0]

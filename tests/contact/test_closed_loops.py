@@ -430,6 +430,16 @@ def test_the_distance_of_points_that_coincide():
     assert residual < 1e-12
 
 
+def test_distances_of_all_sizes():
+    """Squares of coordinates neither over- nor underflow."""
+    sizes = np.array([1e-200, 1e-160, 1.0, 1e160, 1e300])
+    ends = [js.Frame(f"{k}", "world", placed(x * np.array([2, -3, 6]))) for k, x in enumerate(sizes)]
+    mech = js.add_frames(js.testing.random_mechanism(0, 1, ["revolute"], dtype=np.float64), ends)
+    loops = [js.LoopClosure("world", f"{k}", "distance", 1e-300) for k in range(len(sizes))]
+    open_by = error(mech, np.zeros(1), loops)
+    np.testing.assert_allclose(open_by, 7 * sizes, rtol=8 * U)
+
+
 # -- between parts that do not move -----------------------------------------------------------------------------------
 
 
