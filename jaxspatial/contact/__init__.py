@@ -1,5 +1,12 @@
 """Contact, friction, limits and closed loops.
 
+To follow a contact through a step, read `step`, then `term`, `points` and `newton`:
+
+    PointContacts, as callers pass them -> ContactData, arrays at one configuration -> Contacts, the Term of a program
+
+`step` checks arguments and makes the data. `newton` iterates in one program of all states, in which each data makes its
+Term. A direction of the iteration comes from `hessian`, by passes over the tree of a `world`.
+
 explicit        where spheres touch the ground; the explicit law of forces
 term            what a term of the convex step is
 points          spheres in contact

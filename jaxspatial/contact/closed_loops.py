@@ -1,9 +1,6 @@
 """Closed loops: what holds frames of a mechanism together beside its joints, and the motion of all under it.
 
-A closure sees the motion of its frame B for an observer on its frame A: the pose X_AB = (R, p), and the twist
-V = (w, v) along the axes of A, with dR/dt = [w]x R and dp/dt = v. It holds rows N(R, p) of the twist at zero: N V = 0.
-
-The equations of motion are those of the tree with the wrenches of the closures,
+The equations of motion are those of the tree with the wrenches of the closures, whose rows are told in `closures`,
 
     M vdot + h = tau + J^T l        J vdot + b = 0        b = dJ/dt v
 
@@ -24,8 +21,8 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.contact.closures import (
-    Loops,
-    RowsOfLoops,
+    LoopJacobian,
+    LoopsOfState,
     checked_closures,
     errors_of,
     require_closable,
@@ -111,7 +108,7 @@ def constraint_error(
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
 
     def error(q, distances) -> jax.Array:
-        return errors_of(Loops(mechanism, closures, distances, precision).placed(q), q.dtype)
+        return errors_of(LoopsOfState(mechanism, closures, distances, precision).placed(q), q.dtype)
 
     return over_batch(error, q, distances)
 
@@ -155,8 +152,8 @@ def constraint_jacobian(
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
 
     def rows(q, distances) -> jax.Array:
-        of_state = Loops(mechanism, closures, distances, precision)
-        return of_state.rows(q, of_state.placed(q)).J
+        of_state = LoopsOfState(mechanism, closures, distances, precision)
+        return of_state.jacobian(q, of_state.placed(q)).J
 
     return over_batch(rows, q, distances)
 
@@ -236,7 +233,7 @@ def constrained_forward_dynamics(
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
     def constrained(q, v, tau, k, distances, forces) -> ConstrainedDynamics:
-        return _constrained(Loops(mechanism, closures, distances, precision), q, v, tau, k, forces)
+        return _constrained(LoopsOfState(mechanism, closures, distances, precision), q, v, tau, k, forces)
 
     return over_batch(constrained, q, v, tau, k, distances, forces)
 
@@ -288,7 +285,7 @@ def close_loops(
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
     def closed(q, distances) -> ClosedConfiguration:
-        return _closed(Loops(mechanism, closures, distances, precision), q, iterations)
+        return _closed(LoopsOfState(mechanism, closures, distances, precision), q, iterations)
 
     return over_batch(closed, q, distances)
 
@@ -305,7 +302,7 @@ def _checked(operation: str, mechanism: Mechanism, loops, **arguments) -> tuple:
 # -- dynamics ---------------------------------------------------------------------------------------------------------
 
 
-def _constrained(loops: Loops, q, v, tau, k, forces) -> ConstrainedDynamics:
+def _constrained(loops: LoopsOfState, q, v, tau, k, forces) -> ConstrainedDynamics:
     """`constrained_forward_dynamics` of one state."""
 
     def of_tree(tau) -> jax.Array:
@@ -317,29 +314,29 @@ def _constrained(loops: Loops, q, v, tau, k, forces) -> ConstrainedDynamics:
     # The derivative by tau is M^-1, with the factors that vdot is computed with.
     vdot, times_inverse = jax.linearize(of_tree, tau)
     placed = loops.placed(q)
-    J, squares = loops.rows(q, placed)
+    J, squares = loops.jacobian(q, placed)
     Y = jax.vmap(times_inverse)(J)
     due = -loops.biases(q, v, placed)
     if k is not None:
         due -= 2 * k * times(J, v) + k * k * errors_of(placed, vdot.dtype)
-    multipliers = _multipliers(times(J, Y.T), due - times(J, vdot), RowsOfLoops(J, squares))
+    multipliers = _multipliers(times(J, Y.T), due - times(J, vdot), LoopJacobian(J, squares))
     of_each = jnp.split(multipliers, np.cumsum([x.rows for x in loops.closures])[:-1].tolist())
-    F = jnp.stack([times(own, x.in_world) for own, x in zip(of_each, placed, strict=True)])
+    F = jnp.stack([times(own, x.N_W) for own, x in zip(of_each, placed, strict=True)])
     return ConstrainedDynamics(vdot + times(multipliers, Y), SpatialForce(F[:, :3], F[:, 3:]))
 
 
-def _multipliers(G: jax.Array, b: jax.Array, rows: RowsOfLoops) -> jax.Array:
+def _multipliers(G: jax.Array, b: jax.Array, rows: LoopJacobian) -> jax.Array:
     """A solution x of G x = b. JAX differentiates it by its equation, and not by how it is solved."""
     solve = _proximal(*fixed((G, rows)))
     found = lax.custom_linear_solve(functools.partial(times, G), b, lambda _, b: solve(b), symmetric=True)
     return cast(jax.Array, found)
 
 
-def _proximal(G: jax.Array, rows: RowsOfLoops) -> Callable[[jax.Array], jax.Array]:
+def _proximal(G: jax.Array, rows: LoopJacobian) -> Callable[[jax.Array], jax.Array]:
     """The solver of G x = b for symmetric positive semidefinite G by proximal iterations; in the mean where there is no
     solution."""
     scale, A = _equilibrated(G, rows)
-    inverse = _inverse(A, _shift(A.dtype))
+    inverse = _inverse(A, _regularization(A.dtype))
 
     def solve(b: jax.Array) -> jax.Array:
         b, x = scale * b, jnp.zeros_like(b)
@@ -350,14 +347,14 @@ def _proximal(G: jax.Array, rows: RowsOfLoops) -> Callable[[jax.Array], jax.Arra
     return solve
 
 
-def _equilibrated(G: jax.Array, rows: RowsOfLoops) -> tuple[jax.Array, jax.Array]:
+def _equilibrated(G: jax.Array, rows: LoopJacobian) -> tuple[jax.Array, jax.Array]:
     """(s, s G s), with a diagonal of ones: rows may be of radians and of metres.
 
     Rows that are zero stay so, up to rounding: across the plane of a planar loop nothing moves, and what is left of
     terms that cancel says nothing.
     """
     norms = jnp.sum(rows.J * rows.J, -1)
-    share = norms / jnp.where(rows.squares > 0, norms + _shift(G.dtype) * rows.squares, 1)
+    share = norms / jnp.where(rows.squares > 0, norms + _regularization(G.dtype) * rows.squares, 1)
     diagonal = jnp.diagonal(G)
     scale = jnp.sqrt(share / jnp.where(diagonal > 0, diagonal, 1))
     return scale, scale[:, None] * G * scale[None, :]
@@ -371,14 +368,14 @@ def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
     return times(half.T, half).astype(A.dtype)
 
 
-def _shift(dtype) -> float:
+def _regularization(dtype) -> float:
     return check.eps(dtype) ** 0.5
 
 
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
-def _closed(loops: Loops, q, iterations: int) -> ClosedConfiguration:
+def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
     """`close_loops` of one state."""
     mechanism, precision = loops.mechanism, loops.precision
     # A step of length 0 normalises quaternions.
@@ -392,10 +389,10 @@ def _closed(loops: Loops, q, iterations: int) -> ClosedConfiguration:
 
     def nearer(_, q) -> jax.Array:
         placed = held.placed(q)
-        rows = held.rows(q, placed)
+        rows = held.jacobian(q, placed)
         scale, A = _equilibrated(times(rows.J, rows.J.T), rows)
         error = scale * errors_of(placed, q.dtype)
-        damping = _shift(A.dtype) + _DAMPING * jnp.sum(error * error)
+        damping = _regularization(A.dtype) + _DAMPING * jnp.sum(error * error)
         step = times(scale * times(_inverse(A, damping), error), rows.J)
         return integrate(mechanism, q, -step, precision=precision)
 
@@ -404,11 +401,11 @@ def _closed(loops: Loops, q, iterations: int) -> ClosedConfiguration:
     # changes, and of the step after it the second order is that of a step along constant rows.
     moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
     placed = loops.placed(moved)
-    rows = loops.rows(moved, placed)
+    rows = loops.jacobian(moved, placed)
     multipliers = _multipliers(times(rows.J, rows.J.T), errors_of(placed, moved.dtype), rows)
     closed = integrate(loops.mechanism, moved, -times(multipliers, rows.J), precision=precision)
     J, squares = fixed(rows)
-    solve = _proximal(times(J, J.T), RowsOfLoops(J, squares))
+    solve = _proximal(times(J, J.T), LoopJacobian(J, squares))
     left = times(solve(errors_of(loops.placed(closed), closed.dtype)), J)
     closed = valued(integrate(loops.mechanism, closed, -left, precision=precision), fixed(closed))
     residual = errors_of(held.placed(fixed(closed)), closed.dtype)

@@ -120,8 +120,8 @@ class Placed(NamedTuple):
             return jnp.concatenate([Rotation.between(z, R[:, 2]).log()[:2], p])
         return jnp.concatenate([-R[2:, 0], p]) if self.kind == "universal" else p
 
-    def rows(self, X_AB: PoseOfB) -> jax.Array:
-        """N (rows, 6), of a twist in the axes of A: at closed configurations the derivative of the error."""
+    def N(self, X_AB: PoseOfB) -> jax.Array:
+        """N (rows, 6), for a twist in the axes of A: at closed configurations the derivative of the error."""
         R, p = X_AB
         twist = jnp.eye(6, dtype=R.dtype)
         if self.kind == "universal":
@@ -132,9 +132,9 @@ class Placed(NamedTuple):
         return {"weld": twist, "hinge": twist[np.array([0, 1, 3, 4, 5])], "ball": twist[3:]}[self.kind]
 
     @property
-    def in_world(self) -> jax.Array:
-        """N of a twist in world axes."""
-        N = self.rows(self.X_AB)
+    def N_W(self) -> jax.Array:
+        """N for a twist in world axes."""
+        N = self.N(self.X_AB)
         return jnp.concatenate([times(N[:, :3], self.R_WA.T), times(N[:, 3:], self.R_WA.T)], -1)
 
     def bias(self, V_A: jax.Array, V_B: jax.Array, A_A: jax.Array, A_B: jax.Array) -> jax.Array:
@@ -146,7 +146,7 @@ class Placed(NamedTuple):
         a = a_B - a_A - cross(alpha_A, p) - cross(w_A, cross(w_A, p) + 2 * v)
         w, v, alpha, a = (times(x, self.R_WA) for x in (w, v, alpha, a))
         rates = PoseOfB(jnp.cross(w[:, None], self.X_AB.R, axis=0), v)
-        N, of_N = jax.jvp(self.rows, (self.X_AB,), (rates,))
+        N, of_N = jax.jvp(self.N, (self.X_AB,), (rates,))
         return times(N, jnp.concatenate([alpha, a])) + times(of_N, jnp.concatenate([w, v]))
 
 
@@ -158,14 +158,14 @@ times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 # -- all of them ------------------------------------------------------------------------------------------------------
 
 
-class RowsOfLoops(NamedTuple):
+class LoopJacobian(NamedTuple):
     """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if no terms cancelled."""
 
     J: jax.Array
     squares: jax.Array
 
 
-class Loops(NamedTuple):
+class LoopsOfState(NamedTuple):
     """The closures of a mechanism, for one state."""
 
     mechanism: Mechanism
@@ -191,21 +191,21 @@ class Loops(NamedTuple):
             placed.append(Placed(x.kind, distance, is_still, R_WA, p_WA, p_AB_W, X_AB))
         return placed
 
-    def rows(self, q, placed: Sequence[Placed]) -> "RowsOfLoops":
-        rows = [RowsOfLoops(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
+    def jacobian(self, q, placed: Sequence[Placed]) -> LoopJacobian:
+        rows = [LoopJacobian(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
             for x, J_A, J_B in zip(placed, *jnp.split(J_WF, 2), strict=True):
                 if x.is_still:
                     zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
-                    rows.append(RowsOfLoops(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
+                    rows.append(LoopJacobian(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
                     continue
                 # The twists of B for an observer on A are J_B - J_A + turned.
                 turned = jnp.cross(x.p_AB_W[:, None], J_A[:3], axis=0)
                 turned = jnp.concatenate([jnp.zeros_like(turned), turned])
-                terms = times(jnp.abs(x.in_world), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
-                rows.append(RowsOfLoops(times(x.in_world, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
-        return RowsOfLoops(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
+                terms = times(jnp.abs(x.N_W), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
+                rows.append(LoopJacobian(times(x.N_W, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
+        return LoopJacobian(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
 
     def biases(self, q, v, placed: Sequence[Placed]) -> jax.Array:
         """dJ/dt v (rows,)."""
@@ -247,7 +247,7 @@ class ClosureData(TermData):
     errors: Array
     p_AB_W: Array
 
-    def at(self, world: World, step: StepData) -> "Closures":
+    def term(self, world: World, step: StepData) -> "Closures":
         """The Closures of all states."""
         state, dt, n = world.state, world.dt, len(self.closures)
         frames_a, frames_b = (tuple(x) for x in list(zip(*self.closures, strict=True))[:2])
@@ -279,7 +279,7 @@ class ClosureData(TermData):
         return Closures(ends, on_b, -on_a, free, NEAR_RIGID_LIMIT * whole, noise, loss)
 
     @property
-    def size(self) -> int:
+    def result_size(self) -> int:
         return sum(x.n_turning + x.n_moving for x in self.closures)
 
     def wrenches(self, forces: jax.Array) -> SpatialForce:
@@ -298,8 +298,8 @@ def closure_data(
     ties = tuple(Ties(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3)) for x in closures)
 
     def of_state(q, distances) -> ClosureData:
-        placed = Loops(mechanism, closures, distances, precision).placed(q)
-        N = jnp.concatenate([x.in_world for x in placed])
+        placed = LoopsOfState(mechanism, closures, distances, precision).placed(q)
+        N = jnp.concatenate([x.N_W for x in placed])
         p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
         return ClosureData(ties, N[:, :3].reshape(-1), N[:, 3:].reshape(-1), errors_of(placed, q.dtype), p_AB_W)
 
@@ -334,7 +334,7 @@ class Closures(Rows):
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
         return (self.free - u) / self.R, 1 / self.R
 
-    def size(self, u: Number) -> Number:
+    def magnitude(self, u: Number) -> Number:
         return abs(u) + abs(self.free)
 
     def acts(self) -> jax.Array:

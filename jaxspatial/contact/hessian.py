@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.contact.term import Columns, OnBodies, StepData, Term
-from jaxspatial.contact.world import Force, World, tiled, with_zero_rows
+from jaxspatial.contact.world import Forces, World, tiled, with_zero_rows
 from jaxspatial.dynamics.articulated_bodies import (
     ArticulatedBody,
     Elimination,
@@ -54,8 +54,8 @@ class Coupled(NamedTuple):
 
 
 def scene_of(state: MechanismState, step: StepData) -> Scene:
-    world = World(state, state.numbers(step.time[:, None])[0])
-    terms = tuple(data.at(world, step) for data in step.terms)
+    world = World(state, state.numbers(step.dt[:, None])[0])
+    terms = tuple(data.term(world, step) for data in step.terms)
     if not state.topology.has_mimics:
         return Scene(world, terms, None)
     units, n, nv = world.units, state.n, state.topology.nv
@@ -85,23 +85,23 @@ def forces_on_joints(scene: Scene, impulses: ByTerm) -> Number | None:
 class Solution(NamedTuple):
     """x = H^-1 (J^T impulses + forces): as numbers (nv, B), and as Motions of the bodies of every bundle.
 
-    rest: impulse - G J x of each term that `has_rest`, else None. Impulses at limits, and of open closures, are large,
-    and what is left of them is small: the difference would have rounding errors in proportion to the impulse.
+    remainders: impulse - G J x of each stiff term, else None. Impulses at limits, and of open closures, are large, and
+    what is left of them is small: the difference would have rounding errors in proportion to the impulse.
     """
 
     x: Number
     motions: list[Motion]
-    rest: list[Number | None]
+    remainders: list[Number | None]
 
 
-def solved(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Force]) -> Solution:
+def solve_hessian(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]) -> Solution:
     """The Solution for the impulses `balanced` + `applied`, and for forces on every bundle.
 
     balanced: impulses that G x balances. applied: those that forces balance. Both have the same x, but for rounding
     errors.
     """
     if scene.coupled is not None:
-        return _solved_as_one(scene, scene.coupled, G, balanced, applied, forces)
+        return _solve_with_mimics(scene, scene.coupled, G, balanced, applied, forces)
     world, terms = scene.world, scene.terms
     zero = world.state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), world.no_wrench)
@@ -117,13 +117,13 @@ def solved(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: l
     eliminated = recursion.inward(world.state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(world.bodies, eliminated, strict=True)]
     found = recursion.outward(world.state, _accelerate, world.at_rest, both)
-    found, rest = _with_complement(scene, G, balanced, applied, eliminated, found)
+    found, remainders = _with_terms_between(scene, G, balanced, applied, eliminated, found)
     x, motions, at_joints = ([y[k] for y in found] for k in range(3))
     for k, term in enumerate(terms):
         if (rows := term.joint_velocities()) is not None:
             by_velocity = world.state.numbers_by_velocity(at_joints)
-            rest[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
-    return Solution(world.state.numbers_by_velocity(x), motions, rest)
+            remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
+    return Solution(world.state.numbers_by_velocity(x), motions, remainders)
 
 
 def _at_joints(scene: Scene, numbers: ByTerm) -> Number | None:
@@ -133,24 +133,25 @@ def _at_joints(scene: Scene, numbers: ByTerm) -> Number | None:
     return functools.reduce(operator.add, found) if found else None
 
 
-class Stiff(NamedTuple):
-    """The Elimination of a velocity, and its D and u without the G and the impulse of the joint; None without these."""
+class VelocityElimination(NamedTuple):
+    """whole: the Elimination of a velocity. D, u: its numbers without the G and the impulse of the joint; None for a
+    joint that has none."""
 
     whole: Elimination
     D: Number | None
     u: Number | None
 
 
-def _eliminate(link, children: ArticulatedBody) -> tuple[list[Stiff], ArticulatedBody]:
-    """([Stiff of each velocity], the articulated body about the parent's origin)."""
+def _eliminate(link, children: ArticulatedBody) -> tuple[list[VelocityElimination], ArticulatedBody]:
+    """([VelocityElimination of each velocity], the articulated body about the parent's origin)."""
     body, touched, tau, impulse, G = link
-    rest = ArticulatedBody(articulated.of_body(body.inertia) + touched.P + children.P, touched.Z + children.Z)
-    eliminated = list[Stiff]()
+    P, Z = articulated.of_body(body.inertia) + touched.P + children.P, touched.Z + children.Z
+    eliminated = list[VelocityElimination]()
     for s, force, own, resistance, g in zip(body.S, tau, impulse, body.resistance, G, strict=True):
-        u = None if is_constant(g) else force - algebra.power(rest.Z, s)
-        rest, whole = without_velocity(rest, s, force + own, resistance + g)
-        eliminated.append(Stiff(whole, None if u is None else algebra.power(whole.U, s) + resistance, u))
-    return eliminated, ArticulatedBody(articulated.shifted(rest.P, -body.r), algebra.shifted_wrench(rest.Z, -body.r))
+        u = None if is_constant(g) else force - algebra.power(Z, s)
+        (P, Z), whole = without_velocity(ArticulatedBody(P, Z), s, force + own, resistance + g)
+        eliminated.append(VelocityElimination(whole, None if u is None else algebra.power(whole.U, s) + resistance, u))
+    return eliminated, ArticulatedBody(articulated.shifted(P, -body.r), algebra.shifted_wrench(Z, -body.r))
 
 
 def _accelerate(link, parent: Motion) -> tuple[Any, Motion]:
@@ -170,12 +171,12 @@ def _accelerate(link, parent: Motion) -> tuple[Any, Motion]:
 # -- terms between bodies ---------------------------------------------------------------------------------------------
 
 
-def _with_complement(
+def _with_terms_between(
     scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list, found: list
 ) -> tuple[list, list[Number | None]]:
     """(what `_accelerate` found, corrected for terms between bodies; what is left of the impulses of these).
 
-    found: x', without the G of these terms and without the impulses that G x balances. With H' all the rest of H,
+    found: x', without the G of these terms and without the impulses that G x balances. With H' all else of H,
 
         x = x' + Y s        (1 + L^T J Y) s = L^-1 impulse - L^T J x'        Y = H'^-1 J^T L
 
@@ -183,11 +184,11 @@ def _with_complement(
     Impulses of open closures are large, and what is left of them is small: so they are never applied as a whole.
     [Golub and Van Loan 2013, 2.1.4]
     """
-    world, terms, rest = scene.world, scene.terms, list[Any]([None] * len(scene.terms))
+    world, terms, remainders = scene.world, scene.terms, list[Any]([None] * len(scene.terms))
     by_term = [term.columns(world, g) for term, g in zip(terms, G, strict=True)]
     columns = _side_by_side(world, [part for own in by_term for part in own])
     if columns is None:
-        return found, rest
+        return found, remainders
     state, n, k = world.state, world.state.n, len(columns.b)
     # Of Y, columns are states beside each other.
     Y = _columns_of_Y(scene, G, columns, eliminated)
@@ -195,9 +196,9 @@ def _with_complement(
     M, on_diagonal = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through), np.eye(k)
     M = where(jnp.broadcast_to(on_diagonal.astype(bool)[:, :, None], (k, k, n)), M + 1.0, M)
     lacking = stacking.spread(-_rates(world, columns, found), (k, n))
-    # The columns of each term that has a rest.
+    # The columns of each stiff term.
     ends = np.cumsum([0, *(sum(len(part.b) for part in own) for own in by_term)]).tolist()
-    places = {i: ends[i : i + 2] for i, t in enumerate(terms) if t.has_rest and ends[i] < ends[i + 1]}
+    places = {i: ends[i : i + 2] for i, t in enumerate(terms) if t.is_stiff and ends[i] < ends[i + 1]}
     given = {i: terms[i].over_L(balanced[i]) for i in places}
     if not all(map(is_constant, given.values())):
         each = [stacking.spread(given[i], (b - a, n)) for i, (a, b) in places.items()]
@@ -219,8 +220,8 @@ def _with_complement(
     (motions,) = world.motions(state.numbers_by_velocity([x for x, _ in summed]))
     for i, (a, b) in places.items():
         left = terms[i].times_L(stacking.mapped(lambda w, a=a, b=b: w[a:b], s))
-        rest[i] = left if applied[i] is None else left + applied[i]
-    return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], rest
+        remainders[i] = left if applied[i] is None else left + applied[i]
+    return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
 
 
 def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -> list:
@@ -292,10 +293,10 @@ def _follow(link, parent: Motion) -> tuple[Any, Motion]:
 # -- mechanisms with mimics -------------------------------------------------------------------------------------------
 
 
-def _solved_as_one(
-    scene: Scene, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Force]
+def _solve_with_mimics(
+    scene: Scene, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]
 ) -> Solution:
-    """`solved` by elimination: of x, and of what is left of the impulses of terms that have a rest, y.
+    """`solve_hessian` by elimination: of x, and of what is left of the impulses of stiff terms, y.
 
         (A + J_c^T G_c J_c) x - J^T y = J_c^T impulse_c + J^T applied + forces        G J x + y = balanced
 
@@ -304,10 +305,10 @@ def _solved_as_one(
     world, n, nv, H = scene.world, scene.world.state.n, scene.world.state.topology.nv, coupled.A
     right = world.generalized(forces)
     each = list[Any](zip(scene.terms, coupled.J, G, balanced, applied, strict=True))
-    for term, J, _, _, own in (x for x in each if x[0].has_rest and x[4] is not None):
+    for term, J, _, _, own in (x for x in each if x[0].is_stiff and x[4] is not None):
         on_velocities = stacking.mapped(lambda w: w[:, None], stacking.spread(own, (term.count, n))) * J
         right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
-    for term, J, g, _, own in (x for x in each if not x[0].has_rest):
+    for term, J, g, _, own in (x for x in each if not x[0].is_stiff):
         m = term.count
         at, g, own = stacking.mapped(lambda w: w[:, None], (term, g, own))
         rows, columns = (
@@ -317,26 +318,26 @@ def _solved_as_one(
         stiff, pushed = at.product(rows, columns), at.product(J, own)
         H = H + stacking.pairwise_sum(stacking.spread(stiff, (m, nv, nv, n)))
         right = right + stacking.pairwise_sum(stacking.spread(pushed, (m, nv, n)))
-    with_rest = [x for x in each if x[0].has_rest]
-    if with_rest:
+    stiff_terms = [x for x in each if x[0].is_stiff]
+    if stiff_terms:
         stiffness, given = (
-            stacking.concatenated([stacking.spread(own[k], (own[0].count, n)) for own in with_rest]) for k in (2, 3)
+            stacking.concatenated([stacking.spread(own[k], (own[0].count, n)) for own in stiff_terms]) for k in (2, 3)
         )
-        H = _with_rows(H, stacking.concatenated([x[1] for x in with_rest]), stiffness)
+        H = _bordered(H, stacking.concatenated([x[1] for x in stiff_terms]), stiffness)
         right = stacking.concatenated([right, given])
-    found, rest, first = matrices.solved(H, right), list[Number | None](), nv
+    found, remainders, first = matrices.solved(H, right), list[Number | None](), nv
     for term, _, _, _, own in each:
-        if not term.has_rest:
-            rest.append(None)
+        if not term.is_stiff:
+            remainders.append(None)
             continue
         left = stacking.mapped(lambda w, a=first, b=first + term.count: w[a:b], found)
-        rest.append(left if own is None else left + own)
+        remainders.append(left if own is None else left + own)
         first += term.count
     x = stacking.mapped(lambda w: w[:nv], found)
-    return Solution(x, world.motions(x)[0], rest)
+    return Solution(x, world.motions(x)[0], remainders)
 
 
-def _with_rows(H: Number, J: Number, G: Number) -> Number:
+def _bordered(H: Number, J: Number, G: Number) -> Number:
     """[[H, -J^T], [G J, 1]], of J (rows, nv, B)."""
     m, n = shape_of(J)[0], shape_of(J)[2]
     own = jnp.broadcast_to(np.eye(m, dtype=bool)[:, :, None], (m, m, n))

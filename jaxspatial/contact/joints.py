@@ -49,7 +49,7 @@ def _is_known(x: Array, places: slice, number: float) -> bool:
 class JointData(TermData):
     """Limits and dry friction of joints: all of it stands in the fields of the mechanism."""
 
-    def at(self, world: World, step: StepData) -> "Joints":
+    def term(self, world: World, step: StepData) -> "Joints":
         """The Joints of all states."""
         state, dt = world.state, world.dt
         t, fields, rows = state.topology, state.fields, limited_rows(state.topology, state.fields)
@@ -59,9 +59,9 @@ class JointData(TermData):
         of_lower, of_upper = (stacking.rows(fields[x], q_rows) for x in ("lower", "upper"))
         q, lower, upper = (scalars(state, x) for x in (stacking.rows(state.q, q_rows), of_lower, of_upper))
         friction = scalars(state, stacking.rows(fields["friction_loss"], rows))
-        still, change = world.numbers(step.still, step.change)
-        free = still + change
-        fastest = where(high(abs(still)) > high(abs(free)), abs(still), abs(free))
+        before, change = world.numbers(step.v0, step.y_free)
+        free = before + change
+        fastest = where(high(abs(before)) > high(abs(free)), abs(before), abs(free))
         w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, fastest))
         held = are_equal(lower, upper, of_lower, of_upper)
         held = None if held is None else held & has_limits[:, None]
@@ -129,7 +129,7 @@ class Limit(NamedTuple):
         is_down = is_down if self.held is None else is_down | self.held
         return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / self.R, zero)
 
-    def size(self, u: Number) -> Number:
+    def magnitude(self, u: Number) -> Number:
         return abs(u) + abs(self.lower) + abs(self.upper)
 
 
@@ -157,8 +157,8 @@ class Joints(Rows):
         slipping = where(high(stuck) > 0, largest, -largest)
         return impulse + where(is_stuck, stuck, slipping), G + where(is_stuck, 1 / self.R_f, constant(u, 0))
 
-    def size(self, u: Number) -> Number:
-        return self.limit.size(u)
+    def magnitude(self, u: Number) -> Number:
+        return self.limit.magnitude(u)
 
     def acts(self) -> jax.Array:
         return self.limit.acts | ~(high(self.friction) <= 0)

@@ -1,4 +1,4 @@
-"""Newton's method for the convex problem of a step, whatever its terms are.
+"""Newton's method for the convex constants of a step, whatever its terms are.
 
 With y = v - v0 the change of the velocities, y* = v* - v0 that without contact, and y = (1 - r) y* + x, the gradient is
 
@@ -9,7 +9,7 @@ a along it is r -> (1 - a) r, x -> x + a e. A x is summed from the momenta of bo
 the pass that finds e: rounding errors of one direction are corrected by the next. A line search sees nothing but the
 velocities of terms. [Castro, Permenter, Han 2022, 4]
 
-The first direction is that of a linear problem: contacts that push at v0, or without contact, stick, even against a
+The first direction is that of a linear constants: contacts that push at v0, or without contact, stick, even against a
 pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
 search from v0 would stop at the kink of each foot.
 """
@@ -24,9 +24,9 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.contact.hessian import ByTerm, Scene, forces_on_joints, scene_of, solved, wrenches
+from jaxspatial.contact.hessian import ByTerm, Scene, forces_on_joints, scene_of, solve_hessian, wrenches
 from jaxspatial.contact.term import StepData, Term
-from jaxspatial.contact.world import Force
+from jaxspatial.contact.world import Forces
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
 from jaxspatial.dynamics.passive import is_nothing
@@ -82,12 +82,12 @@ class Free(NamedTuple):
 
 
 class Scalars(NamedTuple):
-    """Of an Iterate: over_free: y* . A x. lacking: r. residual: g^T H^-1 g before the last step, or a bound of it after
-    that. noise: what rounding errors of velocities make of it. Numbers (1, B)."""
+    """Of an Iterate: over_free: y* . A x. lacking: r. decrement: g^T H^-1 g before the last step, or a bound of it
+    after that. noise: what rounding errors of velocities make of it. Numbers (1, B)."""
 
     over_free: Number
     lacking: Number
-    residual: Number
+    decrement: Number
     noise: Number
 
 
@@ -100,7 +100,7 @@ class Iterate(NamedTuple):
     scalars: Scalars
 
 
-class Problem(NamedTuple):
+class Constants(NamedTuple):
     """What all iterations read. smallest: the square of the gradient at which they end. held: see `Term`."""
 
     scene: Scene
@@ -111,13 +111,13 @@ class Problem(NamedTuple):
 
 @algorithm(*FIELDS)
 def solve(state: MechanismState, step: StepData):
-    """(y, iterations): the change of the velocities from `still`, that without contact being `change`.
+    """(y, iterations): the change of the velocities from `v0`, that without contact being `y_free`.
 
-    Where nothing touches there are no iterations, and y is `change`.
+    Where nothing touches there are no iterations, and y is `y_free`.
     """
     scene = scene_of(state, step)
     world, terms = scene.world, scene.terms
-    still, free = world.numbers(step.still, step.change)
+    still, free = world.numbers(step.v0, step.y_free)
     motions = world.motions(still, free)
     u, u_free = (_velocities(scene, V, x) for V, x in zip(motions, (still, free), strict=True))
     energy_before, energy = (world.twice_energy(V, x) for V, x in zip(motions, (still, free), strict=True))
@@ -131,7 +131,7 @@ def solve(state: MechanismState, step: StepData):
         for term, *own in zip(terms, u, u_free, strict=True)
     )
     smallest = (energy_before + energy) * TOLERANCES[state.dtype.itemsize] ** 2
-    problem = Problem(scene, Free(u_free, energy), smallest, held)
+    constants = Constants(scene, Free(u_free, energy), smallest, held)
 
     zero = state.known(0.0)
     zeros = [as_data(zero, (*b.bodies.shape, state.n)) for b in state.bundles]
@@ -143,7 +143,7 @@ def solve(state: MechanismState, step: StepData):
 
     def iterate(carry: Any) -> Any:
         data, is_done, count, k = carry
-        new, is_small = _iterated(problem, with_data(start, data), is_done, k == 0)
+        new, is_small = _iterated(constants, with_data(start, data), is_done, k == 0)
         return data_of(new), is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
     def is_going(carry: Any) -> jax.Array:
@@ -153,13 +153,13 @@ def solve(state: MechanismState, step: StepData):
     data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), ~is_touched, count, np.int32(0)))
     last: Iterate = with_data(start, data)
     found = world.turned((1 - last.scalars.lacking) * free + last.x, to_world=False)
-    y = where(is_touched, found, state.numbers(step.change[:, None])[0])
+    y = where(is_touched, found, state.numbers(step.y_free[:, None])[0])
     return high(y), count
 
 
 @algorithm(*FIELDS, result_shape=velocity_shape)
 def solve_at(state: MechanismState, step: StepData, y: Array, force: Array):
-    """H^-1 times a force, with H at the velocities `still` + y."""
+    """H^-1 times a force, with H at the velocities `v0` + y."""
     scene = scene_of(state, step)
     _, impulses, G = _laws_at(scene, step, y)
     x, _ = _times_inverse(scene, impulses, G, state.numbers(force[:, None])[0])
@@ -167,8 +167,8 @@ def solve_at(state: MechanismState, step: StepData, y: Array, force: Array):
 
 
 def _laws_at(scene: Scene, step: StepData, y: Array) -> tuple[tuple[Any, ...], ...]:
-    """(velocities of terms at the velocities `still` + y, the impulses and G there)."""
-    before, change = scene.world.numbers(step.still, y)
+    """(velocities of terms at the velocities `v0` + y, the impulses and G there)."""
+    before, change = scene.world.numbers(step.v0, y)
     after = before + change
     u = _velocities(scene, scene.world.motions(after)[0], after)
     return u, *_of_each(lambda term, own: term.law(own), scene.terms, u)
@@ -178,23 +178,23 @@ def _times_inverse(scene: Scene, impulses: ByTerm, G: ByTerm, force: Number) -> 
     """H^-1 times a force (nv, B), in world axes; and the Motions of bodies that have these velocities."""
     world = scene.world
     right = world.turned(force, to_world=True)
-    forces = [Force(world.no_wrench, x) for x in world.by_bundle(right)]
+    forces = [Forces(world.no_wrench, x) for x in world.by_bundle(right)]
     nothing = jax.tree.map(lambda x: constant(x, 0), impulses, is_leaf=is_number)
-    solution = solved(scene, G, *_balanced_and_applied(scene.terms, nothing), forces)
+    solution = solve_hessian(scene, G, *_balanced_and_applied(scene.terms, nothing), forces)
     return solution.x, solution.motions
 
 
 def _balanced_and_applied(
     terms: Sequence[Term], impulses: ByTerm, is_first: jax.Array | None = None
 ) -> tuple[ByTerm, ByTerm]:
-    """(the impulses that G x balances, those that forces balance), see `solved`.
+    """(the impulses that G x balances, those that forces balance), see `solve_hessian`.
 
     In the first direction, and for None, what closes a loop is balanced by G x. Later the momenta A x balance what is
     left: of a closure that cannot close, or works against a limit, that is large.
     """
     balanced, applied = list[Any](impulses), list[Any]([None] * len(terms))
     for k, (term, impulse) in enumerate(zip(terms, impulses, strict=True)):
-        if not term.has_rest:
+        if not term.is_stiff:
             balanced[k], applied[k] = None, impulse
         elif term.joint_velocities() is None and is_first is not None:
             zero = constant(impulse, 0)
@@ -216,7 +216,7 @@ def imbalance(state: MechanismState, step: StepData, y: Array, at: Balance):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of terms as forces."""
     scene = scene_of(state, step)
     _, impulses, _ = _laws_at(scene, step, y)
-    return high(_lacking(scene, impulses, step.still, y, at))
+    return high(_lacking(scene, impulses, step.v0, y, at))
 
 
 def _lacking(scene: Scene, impulses: ByTerm, still: Array, y: Array, at: Balance) -> Number:
@@ -244,19 +244,19 @@ def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
     scene = scene_of(state, step)
     world, terms = scene.world, scene.terms
     u, impulses, G = _laws_at(scene, step, y)
-    g = _lacking(scene, impulses, step.still, y, at)
+    g = _lacking(scene, impulses, step.v0, y, at)
     d, motions = _times_inverse(scene, impulses, G, g)
     squares = [
         term.product(u_d, term.times_G(own, u_d))
         for term, own, u_d in zip(terms, G, _velocities(scene, motions, d), strict=True)
     ]
-    noise = [_noise(*x) for x in zip(terms, u, G, strict=True)]
+    noise = [_rounding_of_velocities(*x) for x in zip(terms, u, G, strict=True)]
     left = world.twice_energy(motions, d) + _total(squares) + _total(noise)
     for term, own, u_own in zip(terms, G, u, strict=True):
         if term.rounding_share:
             total = _total([term.rounding(own, u_own)])
             left = left + (term.rounding_share * check.eps(high(total).dtype)) ** 2 * total
-    fields = world.numbers(step.still, step.change)
+    fields = world.numbers(step.v0, step.y_free)
     energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*fields), fields, strict=True))
     scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * check.eps(state.dtype)) ** 2
     is_touched = _is_touched(scene)
@@ -266,7 +266,7 @@ def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
 
 @algorithm(*FIELDS, result_shape=lambda _, static: [(n,) for n in static["sizes"]])
 def impulses(state: MechanismState, step: StepData, y: Array, *, sizes: tuple[int, ...]):
-    """The impulses that terms return, (k, B) each, at the velocities `still` + y. sizes: their k."""
+    """The impulses that terms return, (k, B) each, at the velocities `v0` + y. sizes: their k."""
     scene = scene_of(state, step)
     _, found, _ = _laws_at(scene, step, y)
     return tuple(x for term, own in zip(scene.terms, found, strict=True) for x in term.results(state, own))
@@ -304,19 +304,25 @@ class Products(NamedTuple):
     noise: Number
 
 
-def _iterated(problem: Problem, at: Iterate, is_done: jax.Array, is_first: jax.Array) -> tuple[Iterate, jax.Array]:
+def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: jax.Array) -> tuple[Iterate, jax.Array]:
     """(the next Iterate, whether the gradient of this one was small, or that of the next is). What is done stays.
 
     The step of the first iteration, in which terms are held, is not searched.
     """
-    scene, free, smallest = problem.scene, problem.free, problem.smallest
+    scene, free, smallest = constants.scene, constants.free, constants.smallest
     world, terms, lacking = scene.world, scene.terms, at.scalars.lacking
 
+    # The direction e.
     def pushed(term: Term, u: Any, u_free: Any, held: Mask) -> tuple[Any, Any, Any]:
         """(impulse, G, the impulse of the right side of a direction)."""
         impulse, G = term.law(u, held & is_first)
         return impulse, G, impulse - lacking * term.times_G(G, u_free)
 
+    impulse, G, right = _of_each(pushed, terms, at.u, free.u, constants.held)
+    forces = jax.tree.map(operator.neg, world.momenta(at.motions, at.x), is_leaf=is_number)
+    e, motions, remainders = solve_hessian(scene, G, *_balanced_and_applied(terms, right, is_first), forces)
+
+    # How far along it: d = r y* + e.
     def along(term: Term, G: Any, impulse: Any, u_free: Any) -> tuple[Any, Any, Products]:
         """(the velocity along a direction, the impulse at the end of the direction if it were linear, Products)."""
         u_d = term.velocities(world, motions, e) + lacking * u_free
@@ -330,6 +336,17 @@ def _iterated(problem: Problem, at: Iterate, is_done: jax.Array, is_first: jax.A
         )
         return u_d, impulse - G_d, products
 
+    u_d, linear, products = _of_each(along, terms, G, impulse, free.u)
+    sums, energy = Products(*map(_total, zip(*products, strict=True))), world.twice_energy(motions, e)
+    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)
+    length = _searched(constants, at.u, u_d, slopes, is_small | is_done | is_first)
+    linear = [x if own is None else own for x, own in zip(linear, remainders, strict=True)]
+
+    # Where it leads to.
+    def moved(x: T, d: T) -> T:
+        """Numbers after a step along others; where it is done, those before."""
+        return jax.tree.map(lambda x, d: where(is_done, x, x + length * d), x, d, is_leaf=is_number)
+
     def after(term: Term, u: Any, u_d: Any, linear: Any) -> tuple[Any, Number, Number]:
         """(the velocity after a step, what is at least the term's share of g^T H^-1 g there, and what errors of
         rounding the velocity make of that).
@@ -341,34 +358,21 @@ def _iterated(problem: Problem, at: Iterate, is_done: jax.Array, is_first: jax.A
         """
         u = moved(u, u_d)
         impulse, G = term.law(u)
-        return u, term.bound(G, linear - impulse), _noise(term, u, G)
+        return u, term.bound(G, linear - impulse), _rounding_of_velocities(term, u, G)
 
-    def moved(x: T, d: T) -> T:
-        """Numbers after a step along others; where it is done, those before."""
-        return jax.tree.map(lambda x, d: where(is_done, x, x + length * d), x, d, is_leaf=is_number)
-
-    impulse, G, right = _of_each(pushed, terms, at.u, free.u, problem.held)
-    forces = jax.tree.map(operator.neg, world.momenta(at.motions, at.x), is_leaf=is_number)
-    e, motions, rest = solved(scene, G, *_balanced_and_applied(terms, right, is_first), forces)
-    u_d, linear, products = _of_each(along, terms, G, impulse, free.u)
-    sums, energy = Products(*map(_total, zip(*products, strict=True))), world.twice_energy(motions, e)
-    slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)
-    length = _searched(problem, at.u, u_d, slopes, is_small | is_done | is_first)
-    linear = [x if own is None else own for x, own in zip(linear, rest, strict=True)]
     u, bounds, noise = _of_each(after, terms, at.u, u_d, linear)
     x, moving = moved((at.x, at.motions), (e, motions))
-
     bound = where(high(length) == 1, _total(bounds), np.inf)
     is_settled = high(bound) <= high(smallest)
-    size = where(is_settled, bound, where(is_first, 0.0, slopes.decrement))
-    new = Scalars(at.scalars.over_free + length * free_e, (1 - length) * lacking, size, _total(noise))
+    decrement = where(is_settled, bound, where(is_first, 0.0, slopes.decrement))
+    new = Scalars(at.scalars.over_free + length * free_e, (1 - length) * lacking, decrement, _total(noise))
     scalars = Scalars(*(where(is_done, x, y) for x, y in zip(at.scalars, new, strict=True)))
     return Iterate(x, moving, u, scalars), is_small | is_settled
 
 
-def _noise(term: Term, u: Any, G: Any) -> Number:
+def _rounding_of_velocities(term: Term, u: Any, G: Any) -> Number:
     """What rounding errors of velocities make of g^T H^-1 g."""
-    size = term.size(u)
+    size = term.magnitude(u)
     rounding = check.eps(high(term.product(size, size)).dtype) * OF_VELOCITIES * size
     return term.product(rounding, term.times_G(G, rounding))
 
@@ -391,8 +395,8 @@ def _slopes_and_size(
     rounding = NOISE * check.eps(high(noise).dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
     is_near = (high(decrement) < high(NEAR**2 * smallest)) | (high(decrement) < high(NOISY**2 * at.noise))
-    is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.residual)) & (high(at.residual) > 0))
-    # The first decrement is of another problem.
+    is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.decrement)) & (high(at.decrement) > 0))
+    # The first decrement is of another constants.
     return Slopes(slope, curvature, decrement, rounding), free_e, is_small & ~is_first
 
 
@@ -410,12 +414,12 @@ class Search(NamedTuple):
     rate: Number
 
 
-def _searched(problem: Problem, u: ByTerm, u_d: ByTerm, along: Slopes, is_good: jax.Array) -> Number:
+def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_good: jax.Array) -> Number:
     """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton.
 
     u_d: the velocities of the direction. is_good: states for which a whole step is taken.
     """
-    state, terms = problem.scene.world.state, problem.scene.terms
+    state, terms = constants.scene.world.state, constants.scene.terms
     goal = SLOPE * abs(along.decrement) + along.rounding
     # The first length is 1, whose derivative is not known before the loop: it is evaluated in one place.
     low, one, up, unknown = (as_data(state.known(x), (1, state.n)) for x in (0.0, 1.0, LONGEST, np.inf))

@@ -72,7 +72,7 @@ class ContactData(TermData):
     friction: Array
 
     @property
-    def size(self) -> int:
+    def result_size(self) -> int:
         return 3 * len(self.centres.frames)
 
     def wrenches(self, forces: jax.Array) -> SpatialForce:
@@ -82,7 +82,7 @@ class ContactData(TermData):
             f = jnp.where(np.array(self.reversed)[:, None], -f, f)
         return SpatialForce(jnp.zeros_like(f), f)
 
-    def at(self, world: World, step: StepData) -> "Contacts":
+    def term(self, world: World, step: StepData) -> "Contacts":
         """The Contacts of all states."""
         state, dt, centres, others = world.state, world.dt, self.centres, self.others
         on_ground = [-1] * len(centres.frames)
@@ -414,7 +414,7 @@ class Contacts(Term):
         square = along * along * self.R_n + dot(across, across) * self.R_t
         return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
 
-    def size(self, u: Vector) -> Vector:
+    def magnitude(self, u: Vector) -> Vector:
         free = abs(self.free)
         return Vector(*(abs(x) + free * abs(n) for x, n in zip(u, self.normal, strict=True)))
 

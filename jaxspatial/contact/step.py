@@ -179,7 +179,7 @@ def convex_step(
     return _step(mechanism, state, h, dt, forces, given, precision)
 
 
-class _Given(NamedTuple):
+class _Arguments(NamedTuple):
     """What a caller passes, checked, and None or empty where there is nothing. distances: (*batch, 1) of closures."""
 
     contacts: PointContacts | None
@@ -236,7 +236,7 @@ def _of_mechanism(mechanism: Mechanism, dtype: Any) -> dict[str, TermData]:
     return {name: x for name, x in found if x is not None}
 
 
-def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Given:
+def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Arguments:
     what = "convex_step"
     ground = checked_ground(what, ground, q)
     if contacts is not None:
@@ -259,7 +259,9 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
         pairs = tuple(pairs) if a else None
     closures, distances = checked_closures(what, mechanism, loops, q.dtype)
     require_closable(what, mechanism, closures, distances, q.dtype)
-    return _Given(contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances)
+    return _Arguments(
+        contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances
+    )
 
 
 def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str, may_be_shapes: bool = False) -> Any:
@@ -275,7 +277,7 @@ def _step(
     h: Any,
     dt: ArrayLike,
     forces: Any,
-    given: _Given,
+    given: _Arguments,
     precision: PrecisionName,
 ) -> ConvexStep:
     """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
@@ -300,11 +302,11 @@ def _step(
 
 
 @composite
-def _as_one_program(precision: Precision, scene: tuple[Mechanism, _Given], *at: Any) -> ConvexStep:
-    return _solved_step(scene[0], at, scene[1], precision)
+def _as_one_program(precision: Precision, given: tuple[Mechanism, _Arguments], *at: Any) -> ConvexStep:
+    return _solved_step(given[0], at, given[1], precision)
 
 
-def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Given, precision: PrecisionName) -> ConvexStep:
+def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Arguments, precision: PrecisionName) -> ConvexStep:
     """`_step` where something may act. at: q, v, tau, h and the external forces."""
     q, v, tau, h, forces = at
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
@@ -328,7 +330,7 @@ def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Given, precisi
 
 
 def _by_way_of_float32(
-    mechanism: Mechanism, state: Sequence[Any], h: Any, forces: Any, given: _Given, precision: PrecisionName
+    mechanism: Mechanism, state: Sequence[Any], h: Any, forces: Any, given: _Arguments, precision: PrecisionName
 ) -> ConvexStep:
     """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
     narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
@@ -392,7 +394,7 @@ class _Problem(NamedTuple):
 
     def _moving(self, y: jax.Array) -> tuple[Any, ...]:
         """What programs take that compare forces, for a change y of the velocities."""
-        at = newton.Balance(self.v, _over(y, self.step.time), self.tau, self.forces)
+        at = newton.Balance(self.v, _divided(y, self.step.dt), self.tau, self.forces)
         return self.mechanism, self.q, self.step, y, at
 
     def _imbalance(self, precision: Precision, y: jax.Array) -> jax.Array:
@@ -413,14 +415,14 @@ class _Problem(NamedTuple):
     def wrenches(self, precision: Precision, y: jax.Array) -> list[SpatialForce | None]:
         """What the step returns of each term, for a change y of the velocities; None of those of which it has none."""
         terms = self.step.terms
-        sizes = tuple(x.size for x in terms if x.size)
+        sizes = tuple(x.result_size for x in terms if x.result_size)
         if not sizes:
             return [None] * len(terms)
         found = iter(newton.impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes))
-        return [x.wrenches(_over(next(found), self.step.time)) if x.size else None for x in terms]
+        return [x.wrenches(_divided(next(found), self.step.dt)) if x.result_size else None for x in terms]
 
 
-def _over(x: jax.Array, h: Array) -> jax.Array:
+def _divided(x: jax.Array, h: Array) -> jax.Array:
     """x / h, each rounded on its own."""
     return quotient(x, jnp.broadcast_to(h, x.shape))
 

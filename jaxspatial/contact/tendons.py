@@ -42,7 +42,7 @@ class TendonData(TermData):
     lower: Array
     upper: Array
 
-    def at(self, world: World, step: StepData) -> "LimitsOfForms":
+    def term(self, world: World, step: StepData) -> "LimitsOfForms":
         """The LimitsOfForms of all states."""
         state, m = world.state, len(self.velocities[0])
         c = tuple(scalars(state, self.coefficients[j * m : (j + 1) * m]) for j in range(len(self.velocities)))
@@ -74,7 +74,7 @@ class BallData(TermData):
 
     bodies: tuple[int, ...]
 
-    def at(self, world: World, step: StepData) -> "LimitsOfForms":
+    def term(self, world: World, step: StepData) -> "LimitsOfForms":
         """The LimitsOfForms of all states."""
         state, t = world.state, world.state.topology
         turns: list = [x.kind.turn(x.q) if isinstance(x.kind, Ball) else None for x in state.joints]
@@ -114,8 +114,8 @@ def _limits(
     held: Mask | None = None,
 ) -> "LimitsOfForms":
     """The LimitsOfForms of numbers at distances below and above from their limits. held: of equal limits."""
-    still, change = world.numbers(step.still, step.change)
-    u, free = (_form(places, c, v) for v in (still, still + change))
+    before, change = world.numbers(step.v0, step.y_free)
+    u, free = (_form(places, c, v) for v in (before, before + change))
     fastest = where(high(abs(u)) > high(abs(free)), abs(u), abs(free))
     w = _form(places, tuple(x * x for x in c), 1 / world.diagonal)
     limit = Limit.of(below, above, w, fastest, world.dt, held=held)
@@ -144,8 +144,8 @@ class LimitsOfForms(Rows):
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
         return self.limit.law(u)
 
-    def size(self, u: Number) -> Number:
-        return self.limit.size(u)
+    def magnitude(self, u: Number) -> Number:
+        return self.limit.magnitude(u)
 
     def acts(self) -> jax.Array:
         return self.limit.acts

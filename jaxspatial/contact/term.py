@@ -34,12 +34,12 @@ NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4
 
 
 class StepData(NamedTuple):
-    """What programs read of a step, as arrays. still (*batch, nv): the velocities at its start, along axes that do not
-    turn. change (*batch, nv): by which they change without contact. time (*batch, 1): dt. terms: a TermData of each."""
+    """What programs read of a step, as arrays. v0 (*batch, nv): the velocities at its start, along axes that do not
+    turn. y_free (*batch, nv): by which they change without contact. dt (*batch, 1). terms: a TermData of each."""
 
-    still: Array
-    change: Array
-    time: Array
+    v0: Array
+    y_free: Array
+    dt: Array
     terms: tuple["TermData", ...]
 
 
@@ -47,11 +47,11 @@ class TermData:
     """The arrays (*batch, k) of a term. Subclasses are pytrees, in which the numbers of frames are static."""
 
     @property
-    def size(self) -> int:
+    def result_size(self) -> int:
         """How many numbers of impulses the step returns; 0 for a term that is no part of its result."""
         return 0
 
-    def at(self, world: "World", step: StepData) -> "Term":
+    def term(self, world: "World", step: StepData) -> "Term":
         """The Term in all states of a program."""
         raise NotImplementedError
 
@@ -88,13 +88,13 @@ class Term:
     velocity of one joint it is an armature, see `joint_velocities`. Between bodies or joints it is a system of
     equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
-    has_rest: whether the term is so stiff that impulse - G J x, for a direction x, would be a difference of large
-    numbers. Newton's method then finds it in another way. See `Rows`.
+    is_stiff: whether G is so large that impulse - G J x, for a direction x, would be a difference of large numbers.
+    Newton's method then finds it in another way. See `Rows`.
     throws: whether impulses may throw bodies far in the first direction. No contact is then taken to stick there.
     rounding_share: rounding errors, in eps, of what the law is given, see `rounding`.
     """
 
-    has_rest = throws = False
+    is_stiff = throws = False
     rounding_share = 0.0
 
     @property
@@ -103,9 +103,10 @@ class Term:
         raise NotImplementedError
 
     def each(self, function: Callable[..., T], *numbers: Any) -> T:
-        """function(term, *numbers), of results that are trees of numbers (m, B).
+        """function(self, *numbers), whose results are trees of numbers (m, B): how Newton's method calls what follows.
 
-        A subclass may call it for one part of its rows after the other, and have zeros where none of a part acts."""
+        Contacts call it for those between the same two bodies at a time, and skip those of which none touches: their
+        results are zero."""
         return function(self, *numbers)
 
     # -- the law ------------------------------------------------------------------------------------------------------
@@ -126,8 +127,8 @@ class Term:
         """At least x . G^-1 x of impulses x; infinite where x has a part in which G is zero."""
         raise NotImplementedError
 
-    def size(self, u: Any) -> Any:
-        """Of what the law at u takes differences of: velocities without sign."""
+    def magnitude(self, u: Any) -> Any:
+        """How large the velocities are that the law at u takes differences of: the size of its rounding errors."""
         raise NotImplementedError
 
     def acts(self) -> jax.Array:
@@ -139,7 +140,8 @@ class Term:
         return jnp.zeros((1, 1), bool)
 
     def rounding(self, G: Any, u: Any) -> Number:
-        """What errors of 1, in what the law is given, are in g^T H^-1 g. For a `rounding_share` above 0."""
+        """What an error of 1 in what the law is given, such as distances, adds to g^T H^-1 g, with g the gradient. For
+        a `rounding_share` above 0."""
         raise NotImplementedError
 
     # -- the mechanism ------------------------------------------------------------------------------------------------
@@ -166,11 +168,11 @@ class Term:
         return None
 
     def columns(self, world: "World", G: Any) -> list[Columns]:
-        """L^T J of what acts between bodies; of a term that has_rest, those of all impulses in their order."""
+        """L^T J of what acts between bodies; of a term that is_stiff, those of all impulses in their order."""
         return []
 
     def over_L(self, impulse: Any) -> Number:
-        """L^-1 impulse, of a term that has_rest and columns."""
+        """L^-1 impulse, of a term that is_stiff and columns."""
         raise NotImplementedError
 
     def times_L(self, s: Number) -> Number:
@@ -190,7 +192,7 @@ class Rows(Term):
     One that has columns declares R, how much an impulse changes its velocity: 1 / G where G is not zero.
     """
 
-    has_rest = True
+    is_stiff = True
     R: Number
 
     def times_G(self, G: Number, u: Number) -> Number:

@@ -54,7 +54,7 @@ class Ends(NamedTuple):
         return np.flatnonzero(np.array(self.a) >= 0)
 
 
-class Body(NamedTuple):
+class Bodies(NamedTuple):
     """The bodies of a bundle. R: their axes. r: positions from the parent's origin.
 
     S: the motions of each velocity of their joints. resistance: armature, and dt times the damping of the joint.
@@ -70,7 +70,7 @@ class Body(NamedTuple):
     turns: bool
 
 
-class Force(NamedTuple):
+class Forces(NamedTuple):
     """Forces on the bodies of a bundle, about their origins in world axes, and on the velocities of their joints."""
 
     on_bodies: Wrench
@@ -78,7 +78,7 @@ class Force(NamedTuple):
 
 
 class World:
-    """A mechanism in its states. dt: (1, B). bodies: the Body of every bundle.
+    """A mechanism in its states. dt: (1, B). bodies: the Bodies of every bundle.
 
     What depends on the state alone is computed where it is first asked for, before any loop of the solver.
     """
@@ -93,7 +93,7 @@ class World:
         placed = recursion.outward(state, _placed, state.world.R, frames)
         self.bodies = [self._body(b, x, link) for b, x, link in zip(state.bundles, placed, links, strict=True)]
 
-    def _body(self, bundle: Bundle, placed: tuple[Matrix, Vector], link: Link) -> Body:
+    def _body(self, bundle: Bundle, placed: tuple[Matrix, Vector], link: Link) -> Bodies:
         (R, r), M = placed, link.inertia
         dt = stacking.mapped(lambda w: w[None], self.dt)
         S = tuple(Motion(R @ s.w, R @ s.v) for s in link.joint.subspace)
@@ -109,7 +109,7 @@ class World:
         turns = has_floating_roots(bundle) and is_free
         if turns:
             S = self._along_world
-        return Body(R, r, S, inertia, resistance, turns)
+        return Bodies(R, r, S, inertia, resistance, turns)
 
     @property
     def _along_world(self) -> tuple[Motion, ...]:
@@ -190,12 +190,12 @@ class World:
         """The motions (n, B) of n bodies."""
         return self.state.of_bodies(bodies, motions, self.at_rest)
 
-    def momenta(self, motions: list[Motion], v: Number) -> list[Force]:
+    def momenta(self, motions: list[Motion], v: Number) -> list[Forces]:
         """A v, of velocities v (nv, B) at which the bodies have these motions."""
-        found = list[Force]()
+        found = list[Forces]()
         for k, (body, V) in enumerate(zip(self.bodies, motions, strict=True)):
             on_joints = tuple(a * rate for a, rate in zip(body.resistance, self.rates(k, v), strict=True))
-            found.append(Force(algebra.apply_inertia(body.inertia, V), on_joints))
+            found.append(Forces(algebra.apply_inertia(body.inertia, V), on_joints))
         return found
 
     def twice_energy(self, motions: list[Motion], v: Number) -> Number:
@@ -208,7 +208,7 @@ class World:
             parts.append(total)
         return stacking.mapped(lambda w: w[None], self.state.sum_over_bodies(parts))
 
-    def generalized(self, forces: list[Force]) -> Number:
+    def generalized(self, forces: list[Forces]) -> Number:
         """The generalized forces (nv, B) of forces on every bundle."""
         links = [(body.S, body.r, F) for body, F in zip(self.bodies, forces, strict=True)]
         return self.state.numbers_by_velocity(recursion.inward(self.state, _at_joint, self.no_wrench, links))
@@ -273,7 +273,7 @@ class World:
         links = [(body.inertia, body.r) for body in self.bodies]
         return recursion.inward(self.state, _composite, self.state.zero_inertia, links, join=combined)
 
-    def diagonal_by_bundle(self, bodies: Sequence[Body]) -> list[Numbers]:
+    def diagonal_by_bundle(self, bodies: Sequence[Bodies]) -> list[Numbers]:
         """The diagonal of A without mimics, for motions S of bodies: for every bundle a number of each velocity."""
         return [
             tuple(
@@ -304,7 +304,7 @@ class World:
         both = [(body.S, body.r, d) for body, d in zip(bodies, self.diagonal_by_bundle(bodies), strict=True)]
         return recursion.outward(self.state, _mobility, articulated.none(self.state.known(0.0)), both)
 
-    def _as_along_world(self, body: Body) -> Body:
+    def _as_along_world(self, body: Bodies) -> Bodies:
         """A floating root with velocities along the axes of the world; its resistance is the diagonal in these."""
         turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
         squares = [Vector(*(x * x for x in row)) for row in body.R]
@@ -335,8 +335,9 @@ class World:
         return whole - 2.0 * articulated.shifted(state.of_bodies(common, self.mobility, nothing), arm), whole
 
     def reach(self, ends: Ends, arm_b: Vector, arm_a: Vector, normal: Vector) -> Number:
-        """The size of what distances between points along normals are sums of: positions of roots along the normal, and
-        all of the arms behind them, which the bodies have turned."""
+        """How large the terms are of which a distance between points along a normal is the sum: the position of each
+        root along the normal, and the lengths of all arms from there to the points. Its rounding errors grow with it.
+        """
         state = self.state
         at_world = state.zero_vector, state.known(0.0)
         roots = [(body.r, b.is_on_world) for body, b in zip(self.bodies, state.bundles, strict=True)]
@@ -344,7 +345,7 @@ class World:
         total = state.known(0.0)
         for of_ends, own in ((ends.b, arm_b), (ends.a, arm_a)):
             root, arms = state.of_bodies(of_ends, reaches, at_world)
-            total = total + abs(dot(root, normal)) + arms + _length_of(own)
+            total = total + abs(dot(root, normal)) + arms + _norm_1(own)
         return total
 
 
@@ -395,11 +396,12 @@ def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]
 def _reached(body: Any, parent: tuple[Vector, Number]) -> tuple[Any, Any]:
     r, is_root = body
     root, arms = parent
-    reach = (r, arms) if is_root else (root, arms + _length_of(r))
+    reach = (r, arms) if is_root else (root, arms + _norm_1(r))
     return reach, reach
 
 
-def _length_of(r: Vector) -> Number:
+def _norm_1(r: Vector) -> Number:
+    """|x| + |y| + |z|: no root, and at least the length."""
     x, y, z = map(abs, r)
     return x + y + z
 
