@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.numbers import Number, where
@@ -282,18 +281,13 @@ class _Pulls(NamedTuple):
 def _pulls(mech: "Mechanism", joints: tuple[tuple[str, ...], ...]) -> _Pulls:
     t, what = mech.topology, "Actuators.torques: joints"
     pairs = [(i, t.index(t.joint_names, name, what)) for i, some in enumerate(joints) for name in some]
-    for _, joint in pairs:
-        _require_one_coordinate(t, joint, what)
+    for kind, i in ((t.kind(i), i) for _, i in pairs):
+        if (kind.nq, kind.nv) != (1, 1):
+            raise ValueError(f"{what}: expected joints of one coordinate, got {t.joint_names[i]!r}, a {kind.name!r}")
     actuator, joint = np.array(pairs, int).reshape(-1, 2).T
     q, v = (np.array([starts[t.followed[i]] for i in joint], int) for starts in (t.q_starts, t.v_starts))
     parts = (_grouped(actuator, len(joints)), _grouped(v, mech.nv))
     return _Pulls(actuator, joint, q, v, *parts, not any(t.is_mimic(i) for i in joint))
-
-
-def _require_one_coordinate(t: Topology, i: int, what: str) -> None:
-    kind = t.kind(i)
-    if (kind.nq, kind.nv) != (1, 1):
-        raise ValueError(f"{what}: expected joints of one coordinate, got {t.joint_names[i]!r}, a {kind.name!r}")
 
 
 def _grouped(of: np.ndarray, n: int) -> np.ndarray:

@@ -229,7 +229,8 @@ class Shape:
             (2, 3)
         """
         parts = {k: _with_axis(getattr(self, k), n) for k, n in self._axes.items()}
-        return _changed(self, **parts, placement=_placement_of_many(self.placement))
+        placement = None if self.placement is None else jax.tree.map(lambda x: _with_axis(x, 1), self.placement)
+        return _changed(self, **parts, placement=placement)
 
     def __repr__(self) -> str:
         parts = [f"{k}={check.shown(getattr(self, k), (0, 3, 3)[n])}" for k, n in self._axes.items()]
@@ -242,10 +243,6 @@ def pose_of(placement: RigidTransform | None, dtype) -> Pose:
     if placement is None:
         return Pose(np.eye(3, dtype=dtype).ravel(), np.zeros(3, dtype))  # pyright: ignore[reportArgumentType]
     return Pose(placement.rotation.entries, placement.translation)  # pyright: ignore[reportArgumentType]
-
-
-def _placement_of_many(placement: RigidTransform | None) -> RigidTransform | None:
-    return None if placement is None else jax.tree.map(lambda x: _with_axis(x, 1), placement)
 
 
 def _with_axis(x, n: int):
