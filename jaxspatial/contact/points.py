@@ -34,7 +34,7 @@ from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.spatial import SpatialForce
 
 T = TypeVar("T")
-# Of more contacts than this, those between the same bodies are left out where none of them touches.
+# Of more contacts than this, those of the same frame and body are left out where none of them touches.
 MOST_TOGETHER = 8
 # The impulse by which friction is smoothed, as Drake's.
 SMOOTHED = 1e-14
@@ -103,7 +103,7 @@ class ContactData(TermData):
         for x in (stiffness, memory, friction):
             is_inside = is_inside if is_constant(x) else is_inside | is_nan(x)
         free, zero = -distance / memory, constant(distance, 0)
-        found = Contacts(ends, arm, arm_a, normal, is_inside, free, zero, zero, friction, zero)
+        found = Contacts(ends, centres.frames, arm, arm_a, normal, is_inside, free, zero, zero, friction, zero)
 
         def softness(own: Contacts, compliant: Number, memory: Number) -> tuple[Number, Number, Mask, Number]:
             """(R_n, R_t, whether anything can move, the noise)."""
@@ -115,7 +115,7 @@ class ContactData(TermData):
 
         _ = world.units if state.topology.has_mimics else world.mobility  # Made here, of all groups.
         R_n, R_t, is_movable, noise = found.each(softness, 1 / (dt * stiffness * memory), memory)
-        if len(found._groups()) > 1:
+        if not found._is_whole:
             # Where no contact is inside they are 0: a law of these would have no derivatives.
             R_n, R_t = (where(high(x) == 0, 1.0, x) for x in (R_n, R_t))
         # What cannot move has no law: its R_t is zero.
@@ -271,17 +271,18 @@ class Law(NamedTuple):
     along: Number
 
 
-@tree_of("ends")
+@tree_of("ends", "frames")
 class Contacts(Term):
     """n contacts, as numbers (n, B). Their velocities and impulses are Vectors in world axes: of the points of bodies b
     at C, for observers on bodies a.
 
-    arm, arm_a: from the origins of bodies b and a to C. free: the velocity along the normal at which there is no
-    impulse. R_n, R_t: how much an impulse changes velocities along the normal and the tangents. noise: rounding errors
-    of `free`, in eps: those of positions along the chain of bodies.
+    frames: of the spheres on bodies b. arm, arm_a: from the origins of bodies b and a to C. free: the velocity along
+    the normal at which there is no impulse. R_n, R_t: how much an impulse changes velocities along the normal and the
+    tangents. noise: rounding errors of `free`, in eps: those of positions along the chain of bodies.
     """
 
     ends: Ends
+    frames: tuple[int, ...]
     arm: Vector
     arm_a: Vector
     normal: Vector
@@ -298,37 +299,42 @@ class Contacts(Term):
     def count(self) -> int:
         return len(self.ends.b)
 
-    # -- contacts between the same bodies -----------------------------------------------------------------------------
+    # -- contacts that are left out -----------------------------------------------------------------------------------
 
-    def _groups(self) -> list[np.ndarray]:
-        """Which contacts are between the same bodies; all together if there are few."""
-        if self.count <= MOST_TOGETHER:
-            return [np.arange(self.count)]
-        rows = dict[tuple[int, int], list[int]]()
-        for k, ends in enumerate(zip(*self.ends, strict=True)):
-            rows.setdefault(ends, []).append(k)
+    @property
+    def _is_whole(self) -> bool:
+        """Whether all are computed, touching or not: few, or of one frame."""
+        return self.count <= MOST_TOGETHER or len(self._alike(*self.ends, self.frames)) == 1
+
+    def _alike(self, *keys: Sequence[int]) -> list[np.ndarray]:
+        """Which contacts have the same keys."""
+        rows = dict[tuple[int, ...], list[int]]()
+        for k, key in enumerate(zip(*keys, strict=True)):
+            rows.setdefault(key, []).append(k)
         return [np.array(x) for x in rows.values()]
 
     def _rows(self, tree: T, rows: np.ndarray) -> T:
         """These rows of numbers, which have one row where all are the same."""
         return stacking.mapped(lambda w: w if w.shape[0] == 1 else stacking.rows(w, rows), tree)
 
-    def _of_groups(self, function: Callable[..., T], *numbers: Any) -> list[T]:
+    def _of_groups(self, groups: list[np.ndarray], function: Callable[..., T], *numbers: Any) -> list[T]:
         """function(contacts, their numbers) of each group: zeros where none of it touches."""
         found = list[T]()
-        for rows in (groups := self._groups()):
-            if len(groups) == 1:
-                found.append(function(self, *numbers))
-                continue
-            ends = Ends(*(tuple(bodies[k] for k in rows) for bodies in self.ends))
-            own = dataclasses.replace(self._rows(self, rows), ends=ends)
+        for rows in groups:
+            b, a, frames = (tuple(x[k] for k in rows) for x in (*self.ends, self.frames))
+            own = dataclasses.replace(self._rows(self, rows), ends=Ends(b, a), frames=frames)
             found.append(where_any(own.is_touching, function, own, *self._rows(numbers, rows)))
         return found
 
     def each(self, function: Callable[..., T], *numbers: Any) -> T:
-        found, groups = self._of_groups(function, *numbers), self._groups()
-        if len(groups) == 1:
-            return found[0]
+        if self._is_whole:
+            return function(self, *numbers)
+        # A paw and its shank are one body, and have frames of their own.
+        return self._by_group(self._alike(*self.ends, self.frames), function, *numbers)
+
+    def _by_group(self, groups: list[np.ndarray], function: Callable[..., T], *numbers: Any) -> T:
+        """What groups have, in the order of the contacts."""
+        found = self._of_groups(groups, function, *numbers)
         order, n = np.argsort(np.concatenate(groups)), self.is_touching.shape[1]
 
         def joined(*parts: Any) -> Any:
@@ -340,11 +346,10 @@ class Contacts(Term):
         return jax.tree.map(joined, *found, is_leaf=is_number)
 
     def _summed(self, function: Callable[..., T], *numbers: Any) -> tuple[Ends, T]:
-        """What acts on bodies: one row for each group, its sum; of a single group all rows."""
-        groups = self._groups()
-        if len(groups) == 1:
+        """What acts on bodies: one row for all contacts between the same two, their sum; all rows if there are few."""
+        if self._is_whole:
             return self.ends, function(self, *numbers)
-
+        groups = self._alike(*self.ends)
         most = max(map(len, groups))
 
         def of_all(x: Number, count: int) -> Number:
@@ -354,12 +359,14 @@ class Contacts(Term):
             return stacking.mapped(lambda w: w[None], stacking.pairwise_sum(x))
 
         def total(own: Contacts, *numbers: Any) -> T:
-            found = function(own, *numbers)
+            parts = own._alike(own.frames)
+            found = function(own, *numbers) if len(parts) == 1 else own._by_group(parts, function, *numbers)
             return jax.tree.map(lambda x: x if is_constant(x) else of_all(x, own.count), found, is_leaf=is_number)
 
         first = [rows[0] for rows in groups]
         ends = Ends(*(tuple(bodies[k] for k in first) for bodies in self.ends))
-        return ends, stacking.concatenated_trees(self._of_groups(total, *numbers), self.is_touching.shape[1])
+        found = self._of_groups(groups, total, *numbers)
+        return ends, stacking.concatenated_trees(found, self.is_touching.shape[1])
 
     # -- the law ------------------------------------------------------------------------------------------------------
 

@@ -910,10 +910,15 @@ class _Builder:
         """The results of a branch that is taken where the condition is `of`; else those of the other."""
         graph, others = self.graph, self.run(branches[not of], x)
         before, starts = self.region, _flat(others)
-        condition = condition if of else graph.operation("not", (condition,), BOOL)
+        holds = condition if of else graph.operation("not", (condition,), BOOL)
         with graph.branch(before) as loop:
-            self.region, loop.condition = loop.region, condition
+            self.region, loop.condition = loop.region, holds
+            # Nobody reads what is computed there for states that do not take it.
+            known = {condition: np.bool_(of), holds: np.bool_(True)}
+            graph.constants.update(known)
             ends = _flat(self.run(branches[of], x))
+            for node in known:
+                del graph.constants[node]
             self.region = before
         found, last = dict[tuple[int, int], int](), list[int]()
         for start, end in zip(starts, ends, strict=True):

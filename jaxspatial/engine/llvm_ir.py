@@ -62,6 +62,8 @@ class _Order:
     """The operations that results need, and orders of them.
 
     members: by region its operations, and its loops. outside: by loop, the nodes that it reads and does not make.
+    within: parameters of branches that are read only in branches with the same condition: where that is false, they may
+    have any value, or none.
     """
 
     def __init__(self, graph: Graph, n_registers: int = N_REGISTERS):
@@ -86,6 +88,7 @@ class _Order:
                 self.members[graph.regions[node]].append(node)
         self.inner = {k: [j for j in sorted(self.live_loops) if self._is_within(j, k)] for k in self.live_loops}
         self.outside = {k: self._outside(k) for k in self.live_loops}
+        self.within = self._within()
 
     def _find(self) -> None:
         g, waiting = self.graph, list(self.roots)
@@ -155,6 +158,37 @@ class _Order:
             reads += self.starts(j) if j != k else []
             found.update(dict.fromkeys(x for x in reads if not g.is_inside(x, region)))
         return list(found)
+
+    def _within(self) -> set[int]:
+        g = self.graph
+        branch_at = {loop.region: loop for loop in g.loops if loop.is_branch}
+        found = {c[0] for k in self.live_loops if g.loops[k].is_branch for c in self.carried_of(g.loops[k])}
+
+        def is_in_branch(region: int, condition: int) -> bool:
+            while region > 0:
+                if region in branch_at and branch_at[region].condition == condition:
+                    return True
+                region = g.parents[region]
+            return False
+
+        def read(nodes: Iterable[int], region: int) -> None:
+            for node in nodes:
+                if g.operations[node] == "last":
+                    k, which, _ = g.details[node]
+                    parameter = g.loops[k].carried[which][0]
+                    if parameter in found and not is_in_branch(region, g.loops[k].condition):
+                        found.remove(parameter)
+
+        read(self.roots, 0)
+        for k in self.live_loops:
+            loop = g.loops[k]
+            read(self.starts(k), g.parents[loop.region])
+            read(self.ends(k), loop.region)
+            if loop.length is None:
+                read([loop.condition], g.parents[loop.region] if loop.is_branch else loop.region)
+        for node in self.live:
+            read(g.operands[node], g.regions[node])
+        return found
 
     def scheduled(self, region: int, roots: Sequence[int], done: set[Item]) -> list[Item]:
         """The items of a region that these nodes need, but those that are done.
@@ -766,7 +800,7 @@ class Writer:
                 for row, node in enumerate(loop.rows[parameter]):
                     pointer = self.offset(f, self.frame, place + row * stride)
                     self.stored(f, self.read(f, node), pointer, g.dtypes[parameter])
-        self._store_carried(f, [(c[0], c[1]) for c in carried])
+        self._store_carried(f, [(c[0], c[1]) for c in carried if c[0] not in order.within])
         index = self.offset(f, self.frame, self.indices[k])
         first, last, step = (int(loop.length or 0) - 1, 0, -1) if loop.is_reverse else (0, int(loop.length or 0) - 1, 1)
         f.add(f"store i64 {first}, {index}")
@@ -819,7 +853,7 @@ class Writer:
         values: list[str] = []
         for parameter, node in pairs:
             value, dtype = self.read(f, node), self.g.dtypes[parameter]
-            if active and self.width > 1:
+            if active and self.width > 1 and parameter not in self.order.within:
                 old, chosen, t = self.read(f, parameter), f.new(), self.type(dtype)
                 f.add(f"{chosen} = select {self.type(np.dtype(bool))} {active}, {t} {value}, {t} {old}")
                 value = chosen

@@ -4,6 +4,7 @@ import functools
 from unittest import mock
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax import lax
@@ -259,6 +260,26 @@ def test_a_long_graph_is_several_functions_which_use_memory_again():
     assert (few.n_operations, many.n_operations) == (100, 400)
     assert few.text.count("define internal") == 5 and many.text.count("define internal") == 20
     assert few.frame_bytes == many.frame_bytes <= 4 * 64
+
+
+def test_what_branches_with_one_condition_pass_on_costs_where_it_is_taken():
+    """No zeros in its place elsewhere, and no selection: neither of what the branch makes, nor inside of it."""
+
+    def long(v):
+        return functools.reduce(barrier.fixed_sum, [v] * graph.LEAST_SKIPPED)
+
+    def f(x, is_read):
+        def skipped(v):
+            return lax.cond(x[0] > 0, lambda v: jnp.where(x[0] > 0, long(v), 0), jnp.zeros_like, v)
+
+        first = skipped(x)
+        return (skipped(first), first) if is_read else skipped(first)
+
+    def counted(is_read):
+        text = llvm_ir.written(graph_of(functools.partial(f, is_read=is_read), np.zeros((1, 3), F32)), 16, [False]).text
+        return text.count(" select "), text.count("store <16 x float> splat (float 0x0000000000000000)")
+
+    assert counted(is_read=False) == (3, 3) and counted(is_read=True) == (6, 6)
 
 
 def test_the_text_of_a_graph_is_the_same_each_time():

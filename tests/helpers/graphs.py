@@ -562,6 +562,34 @@ def _skipped(x, y):
     return lax.cond(y[0] < y[1], long, short, x[0]), long(x[0]), lax.cond(y[0] < y[1], short, of_both, x[1]), ended
 
 
+def _skipped_alike(x, y):
+    """Branches with one condition, of which one reads what another has made: in a loop, in a branch between them, and
+    where it is not so alone."""
+
+    def long(v, *more):
+        for _ in range(30):
+            v = barrier.fixed_sum(barrier.product(v, y), v)
+        return jnp.where(y[0] < y[1], v, x[2]), sum(more, v) * v
+
+    def none(v, *_):
+        return jnp.zeros_like(v), jnp.zeros_like(v)
+
+    def where(is_taken, *operands):
+        return lax.cond(is_taken, long, none, *operands)
+
+    condition, other = y[0] < y[1], y[1] < y[2]
+    first, second = where(condition, y)
+    third, fourth = where(condition, y, first)
+    fifth = lax.cond(other, lambda *v: where(condition, *v)[0], lambda v, *_: v, y, second, third)
+
+    def turn(state):
+        k, v = state
+        once = where(condition, v, fourth)
+        return k + 1, where(condition, y, *once)[0]
+
+    return third, fifth, lax.while_loop(lambda s: s[0] < 3, turn, (jnp.int32(0), y))[1], where(condition, y, x[0])[1]
+
+
 def _counting(x, y):
     """Loops over an index: known where it is unrolled, not where it is a loop."""
     picked = lax.fori_loop(0, 5, lambda k, c: barrier.fixed_sum(c, x[k]), y)
@@ -614,6 +642,7 @@ def loops():
         "slices": _slices,
         "branches": _branches,
         "skipped": _skipped,
+        "skipped alike": _skipped_alike,
         "lookups": _lookups,
         "counting": _counting,
         "long": _long,
