@@ -399,6 +399,68 @@ def test_frames_of_the_world_take_part():
         assert (np.linalg.norm(one.contact_forces.f, axis=-1) > 1).all()
 
 
+def on_tables(n):
+    """(a state of n environments, the places of their tables and how these are turned, pairs from both)."""
+    rng = np.random.default_rng(4)
+    q, v, w = np.tile(Q, (n, 1)), 0.3 * rng.normal(size=(n, 12)), 0.1 * rng.normal(size=(n, 3))
+    q[:, 1:4] = 0.1 * rng.normal(size=(n, 3))
+    q[:, :4] /= np.linalg.norm(q[:, :4], axis=1, keepdims=True)
+    p = np.array([0, 0, -0.16]) + 0.01 * rng.normal(size=(n, 3))
+    at = np.array([[0.05, 0.03, -0.06], [-0.05, 0.02, -0.05], [0.0, 0.0, 0.0]])
+
+    def pairs(p, w):
+        X = js.RigidTransform(js.Rotation.exp(w), p)
+        table = js.ShapeContacts(["world"] * 3, js.Box(np.array([1.0, 1.0, 0.2]), X), **LAW)
+        return table, js.PointContacts(["lower", "lower", "upper"], at, 0.02, **LAW)
+
+    return (q, v), (p, w), pairs
+
+
+def test_each_environment_has_a_table_of_its_own():
+    """By vmap over its placement: what it has alone, and gradients by it, against differences."""
+    n, h = 3, 1e-6
+    state, table, pairs = on_tables(n)
+    weights, along = np.random.default_rng(5).normal(size=(2, 12))
+    with jax.enable_x64(True):
+
+        def value(table, q, v):
+            return weights @ js.convex_step(MECH, q, v, np.zeros(12), 5e-3, pairs=pairs(*table)).v
+
+        found, slopes = interpreted(jax.vmap(jax.value_and_grad(value)))(table, *state)
+        moved = [x + s * d for s in (h, -h) for x, d in zip(table, (along[:3], along[3:6]), strict=True)]
+        both = [np.concatenate(x) for x in ((table[0], *moved[::2]), (table[1], *moved[1::2]))]
+        values = interpreted(jax.vmap(value))(both, *(np.tile(x, (3, 1)) for x in state)).reshape((3, n))
+        alone = interpreted(value)(*(jax.tree.map(lambda x: x[1], x) for x in ((table), *state)))
+    np.testing.assert_allclose(found, values[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(found[1], alone, rtol=0, atol=1e-12)
+    own = slopes[0] @ along[:3] + slopes[1] @ along[3:6]
+    assert abs(own).min() > 0.1
+    np.testing.assert_allclose(own, (values[1] - values[2]) / (2 * h), rtol=0, atol=1e-6 * abs(own).max())
+
+
+def test_a_report_of_many_environments_is_that_of_each():
+    """All that is reported of spheres on the ground, beside pairs with a table of each environment, and of balls."""
+    n = 4
+    state, table, on_table = on_tables(n)
+    rng = np.random.default_rng(6)
+    f = rng.normal(size=(n, 6, 3)) + np.array([0, 0, 2.0])
+    feet = js.PointContacts(["lower", "upper", "upper"], 0.1 * rng.normal(size=(3, 3)), 0.05, **LAW)
+    balls = [js.PointContacts([x] * 3, 0.05 * rng.normal(size=(3, 3)), 0.12, **LAW) for x in ("lower", "upper")]
+    with jax.enable_x64(True):
+        for pairs in (on_table, lambda *_: tuple(balls)):
+
+            def report(q, v, f, table, pairs=pairs):
+                forces = js.SpatialForce(0 * f, f)
+                return js.contact_report(MECH, q, v, feet, pairs=pairs(*table), forces=forces, dt=5e-3)
+
+            given = *state, f, table
+            found = interpreted(jax.vmap(report))(*given)
+            each = [interpreted(report)(*(jax.tree.map(lambda x, i=i: x[i], x) for x in given)) for i in range(n)]
+            for name, own, expected in zip(found._fields, found, zip(*each, strict=True), strict=True):
+                np.testing.assert_array_equal(own, np.stack(expected), err_msg=name)
+            assert 0 < found.touches[:, 3:].sum() < 3 * n and 0 < found.sticks.sum() < 6 * n
+
+
 def test_contacts_are_as_hard_whatever_is_known():
     """Numbers of a mechanism may be arguments: the axes of a floating root count, which is free of damping or not."""
     q, v = Q.copy(), np.zeros(12)

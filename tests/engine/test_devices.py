@@ -11,8 +11,10 @@ from jax.sharding import AxisType
 from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
+from tests.helpers.interpreted import interpreted
 from tests.helpers.marks import slow
 from tests.helpers.processes import python
+from tests.helpers.soon import compiled_soon
 
 COLLECTIVES = "all-reduce|all-gather|all-to-all|reduce-scatter|collective"
 N_DEVICES = 4
@@ -65,7 +67,7 @@ CONTACT_CASES = (
 @pytest.mark.parametrize("cases", ["CASES", *map(slow, ("MORE_CASES", "CONTACT_CASES"))])
 def test_states_stay_on_their_device(cases):
     done = python(__file__, cases, n_devices=N_DEVICES)
-    assert done.stdout.split() == ["True"] * (len(globals()[cases]) + 1)
+    assert done.stdout.split() == ["True"] * (len(globals()[cases]) + 1 + (cases == "CASES"))
 
 
 def _check(function, is_data, n_each, axis_type, is_map):
@@ -111,7 +113,32 @@ def _check_gradients_by_what_devices_share():
     print(True)
 
 
+def _check_distances_of_cylinders():
+    """Whose rims are found by bisection: one after the other in a scan, on each device its own."""
+
+    def distances(p, w):
+        def one(_, at):
+            X = js.RigidTransform.exp(js.SpatialVelocity(at[1], at[0]))
+            capsule, cylinder = js.Capsule(*np.float32([0.1, 0.8])), js.Cylinder(*np.float32([0.3, 1.0]), X)
+            return None, js.distance(capsule, cylinder)
+
+        return jax.lax.scan(one, None, (p, w))[1]
+
+    rng = np.random.default_rng(0)
+    p, w = rng.standard_normal((2, 2 * N_DEVICES, 3)).astype(np.float32)
+    mesh = jax.make_mesh((N_DEVICES,), ("batch",), axis_types=(AxisType.Auto,))
+    with compiled_soon():
+        compiled = jax.jit(_map(distances, mesh)).lower(p, w).compile()
+    assert re.findall(COLLECTIVES, compiled.as_text()) == []
+    expected = interpreted(distances)(p, w)
+    assert (expected > 0).any() and (expected < 0).any()
+    np.testing.assert_array_equal(compiled(p, w), expected)
+    print(True)
+
+
 if __name__ == "__main__":
     _check_gradients_by_what_devices_share()
+    if sys.argv[1] == "CASES":
+        _check_distances_of_cylinders()
     for case in globals()[sys.argv[1]]:
         _check(*case)
