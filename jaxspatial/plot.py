@@ -35,12 +35,15 @@ try:
     from matplotlib.artist import Artist
     from matplotlib.colors import to_rgb
     from matplotlib.figure import Figure
+    from matplotlib.gridspec import SubplotSpec
     from matplotlib.image import BboxImage
     from matplotlib.patches import FancyArrowPatch
+    from matplotlib.path import Path
+    from matplotlib.text import Text
     from matplotlib.ticker import MaxNLocator, MultipleLocator
-    from matplotlib.transforms import Bbox, ScaledTranslation
+    from matplotlib.transforms import Bbox, IdentityTransform, ScaledTranslation
     from mpl_toolkits.mplot3d import Axes3D, proj3d
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection, Text3D
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 except ImportError as error:
     raise ImportError("jaxspatial.plot: needs the package matplotlib: from a clone, pip install '.[plot]'") from error
 
@@ -51,12 +54,18 @@ __all__ += ["wrench"]
 _PLANE, _SOLID, _BODY, _JOINT, _ARROW, _FRAME = range(1, 7)
 # Lengths as shares of the size of the scene: the axes of a frame, the longest arrow, the largest arc, the shortest.
 _TRIAD, _LONGEST, _WIDEST, _LEAST = 0.1, 0.3, 0.09, 0.01
-# How much of its place a box takes, so that the labels around it are inside, too.
-_ZOOM = 0.85
-# The edge of the ground, as a share too; its squares along it, and the cells of a ground function.
-_GROUND, _SQUARES, _CELLS = 1.3, 6, 24
+# The margin of axes within their place, and the room between labels of ticks and of axes, points.
+_MARGIN, _GAP = 4.0, 3.0
+# How often what is drawn is fitted into its place: labels keep their size, so that once is not enough.
+_FITS = 3
+# The least edge of the ground, and how far it reaches beyond the robot, as shares too: more would make the robot small.
+_GROUND, _BEYOND = 0.6, 0.05
+# Its squares along the longest edge of the scene, and the cells of a ground function.
+_SQUARES, _CELLS = 6, 24
 # The length of a head of matplotlib's arrow style, over its scale.
 _HEAD = 0.4
+# Between a text and what it names, points.
+_BESIDE = 4.0
 # To the light; pixels of meshes for one of the picture, along each side.
 _LIGHT = np.array([0.35, -0.45, 0.82])
 _FINE = 2
@@ -78,22 +87,100 @@ class Scales(NamedTuple):
     torque: float | None = None
 
 
-# The axes that were made here.
-_OWN: "weakref.WeakSet[Axes3D]" = weakref.WeakSet()
+class _Axes(Axes3D):
+    """3-D axes in which all that is drawn is as large as their place allows, with its labels."""
+
+    def apply_aspect(self, position: Any = None) -> None:
+        """The whole place: those of matplotlib take a square of it."""
+        axes: Any = self
+        axes._set_position(self.get_position(original=True) if position is None else position, "active")
+
+    def draw(self, renderer: Any) -> None:
+        """Fits what is drawn into its place, and draws; figures call it."""
+        if not self.get_visible():
+            return
+        labels = [axis.label for axis in self._shown()]
+        for label in labels:
+            label.set_visible(False)  # it is placed and drawn here
+        for _ in range(_FITS):
+            self._fit(renderer)
+        super().draw(renderer)
+        for label in labels:
+            label.set_visible(True)
+            label.draw(renderer)
+
+    def _shown(self) -> list[Any]:
+        axes = (self.xaxis, self.yaxis, self.zaxis)
+        return [axis for axis in axes if self._axis3don and axis.get_visible()]
+
+    def _fit(self, renderer: Any) -> None:
+        """Moves and scales the projection so that all that is drawn, and its labels, fill the place."""
+        self.apply_aspect()
+        self.M: Any = self.get_proj()
+        self.invM = np.linalg.inv(self.M)
+        limits = np.array([self.get_xlim(), self.get_ylim(), self.get_zlim()])
+        corners = np.stack(np.meshgrid(*limits), -1).reshape(-1, 3)
+        x, y, z = corners.T
+        projected = np.stack(proj3d.proj_transform(x, y, z, self.M)[:2], -1)
+        labels: list[Any] = [text for text in self.texts if isinstance(text, _Label) and text.get_visible()]
+        with renderer._draw_disabled():
+            for artist in (*labels, *self._shown()):
+                artist.draw(renderer)
+        around = [text.get_window_extent(renderer) for text in labels]
+        for axis in self._shown():
+            around += _place_label(axis, renderer)
+        inner = Bbox.null()
+        inner.update_from_data_xy(self.transData.transform(projected))
+        outer = Bbox.union([inner, *around])
+        beyond = np.array([np.subtract(inner.min, outer.min), np.subtract(outer.max, inner.max)])
+        margin = _MARGIN * self.figure.dpi / 72
+        pixels = np.array(self.bbox.size)
+        room = pixels - 2 * margin - beyond.sum(0)
+        size = np.ptp(projected, axis=0)
+        # Pixels for one unit of the projection.
+        scale = max((room / np.maximum(size, 1e-9)).min(), 1e-3)
+        low = projected.min(0) - (margin + beyond[0] + (room - scale * size) / 2) / scale
+        high = low + pixels / scale
+        self.viewLim.intervalx, self.viewLim.intervaly = zip(low, high, strict=True)
+
+
+def _place_label(axis: Any, renderer: Any) -> list[Bbox]:
+    """Moves the name of an axis beside the numbers on it; returns where these are, and the name."""
+    ticks = axis.get_major_ticks()
+    low, high = sorted(axis.get_view_interval())
+    numbers = [tick.label1.get_window_extent(renderer) for tick in ticks if low <= tick.get_loc() <= high]
+    numbers = [box for box in numbers if box.width]
+    ends = axis.line.get_transform().transform(axis.line.get_xydata())
+    middle, along = ends.mean(0), ends[1] - ends[0]
+    axes, label = axis.axes, axis.label
+    away = np.array([along[1], -along[0]]) / max(np.hypot(*along), 1e-9)
+    beside = np.mean([box.get_points().mean(0) for box in numbers], axis=0) if numbers else middle + away
+    away = away if away @ (beside - middle) >= 0 else -away
+    reach = max((((box.corners() - middle) @ away).max() for box in numbers), default=0.0)
+    label.set_visible(True)
+    size = np.array(label.get_window_extent(renderer).size)
+    at = middle + (reach + abs(away) @ size / 2 + _GAP * axes.figure.dpi / 72) * away
+    label.set(position=axes.transData.inverted().transform(at), ha="center", va="center")
+    name = label.get_window_extent(renderer)
+    label.set_visible(False)
+    return [*numbers, name]
 
 
 # -- what users call --------------------------------------------------------------------------------------------------
 
 
-def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) -> Axes3D:
+def axes(figure: Figure | None = None, place: tuple[int, int, int] | SubplotSpec = (1, 1, 1)) -> Axes3D:
     """Makes 3-D axes in the style of this module: in metres, with equal steps, arrows in front of robots.
+
+    What is drawn in them is as large as their place allows, with all labels: on a screen and in a column of a paper,
+    and from every side.
 
         figure = plt.figure(figsize=(12, 5))
         ax = plot.mechanism(mech, q, plot.axes(figure, (1, 2, 1)))
 
     Args:
         figure: where; None makes a new one.
-        place: rows, columns and number of the axes in the figure, as of `figure.add_subplot`.
+        place: rows, columns and number of the axes in the figure, or a part of a grid, as of `figure.add_subplot`.
 
     Returns:
         The axes. Other 3-D axes serve as well.
@@ -106,20 +193,20 @@ def axes(figure: Figure | None = None, place: tuple[int, int, int] = (1, 1, 1)) 
         >>> plot.axes().get_xlabel()
         'x, m'
     """
-    style: Any = {"projection": "3d", "computed_zorder": False}
+    style: Any = {"axes_class": _Axes, "computed_zorder": False}
     with pyplot.rc_context({"grid.color": f"{GROUND}60", "grid.linewidth": 0.6}):
-        if figure is None:
-            ax: Any = pyplot.figure(figsize=(6.5, 6)).add_axes((-0.06, 0.05, 1, 1), **style)
+        figure = pyplot.figure(figsize=(6.5, 6)) if figure is None else figure
+        if place == (1, 1, 1):
+            ax: Any = figure.add_axes((0, 0, 1, 0.94), **style)  # with room for a title
         else:
-            ax = figure.add_subplot(*place, **style)
+            ax = figure.add_subplot(*(place if isinstance(place, tuple) else (place,)), **style)
     ax.set(xlabel="x, m", ylabel="y, m", zlabel="z, m")
     ax.view_init(20, -50)
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         axis.set_pane_color((0, 0, 0, 0))
         axis.line.set_color(GROUND)
-        axis.labelpad = 12
+        axis.set_rotate_label(False)
     ax.tick_params(labelsize="small")
-    _OWN.add(ax)
     return ax
 
 
@@ -149,8 +236,8 @@ def mechanism(
         ground: HalfSpace, drawn as a part of its plane, or a function from a point (3,) to its signed distance, drawn
             in a cube about the point of it next to the robot; None for none.
         shapes: path of the URDF file whose visual meshes are drawn in place of lines and dots, in the colours of the
-            file, with their shadow where the ground is a plane; 100 000 triangles take a second or two. It needs the
-            extra `view`. None draws lines and dots.
+            file, with their shadow on the ground where that is a plane; 100 000 triangles take a second or two. It
+            needs the extra `view`. None draws lines and dots.
         contacts: PointContacts, whose centres are drawn as rings; None for none.
         color: of the bodies.
 
@@ -171,12 +258,12 @@ def mechanism(
         ['lower', 'joints', 'hand', 'hand x', 'hand y', 'hand z']
     """
     ax, X_WJ = _axes("plot.mechanism", ax), _joints("plot.mechanism", mech, q)
+    solid = None
     if frames is not None and (isinstance(frames, str) or not all(isinstance(name, str) for name in frames)):
         raise TypeError(f"plot.mechanism: frames: expected a sequence of names, got {frames!r}")
     X_WF = _frames(mech, X_WJ)
     if shapes is not None:
-        plane = ground if isinstance(ground, HalfSpace) else None
-        _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes), plane)
+        solid = _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes))
     else:
         _sticks(ax, mech, X_WJ, X_WF, color, has_tips=frames is None)
     numbers = [mech.topology.index(mech.frame_names, name, "plot.mechanism: frames") for name in frames or ()]
@@ -193,10 +280,14 @@ def mechanism(
     for k in numbers:
         _triad(ax, X_WF.R[k], X_WF.p[k], _TRIAD * size, mech.frame_names[k])
     if isinstance(ground, HalfSpace):
-        _plane(ax, ground, X_WJ.p.mean(0), size)
+        outline = _plane(ax, ground)
+        if solid is not None:
+            solid.throw_shadow(ground, outline)
     elif callable(ground):
         dtype = jax.dtypes.canonicalize_dtype(np.asarray(q).dtype)
-        _surface(ax, surface("plot.mechanism", ground, X_WJ.p.mean(0), _GROUND * size, _CELLS, dtype))
+        low, high = _around(ax)
+        centre, edge = [*(low + high)[:2] / 2, X_WJ.p[:, 2].mean()], float((high - low)[:2].max())
+        _surface(ax, surface("plot.mechanism", ground, centre, edge, _CELLS, dtype))
     elif ground is not None:
         check.refuse("plot.mechanism: ground", "a HalfSpace, or a function from a point to its distance", ground)
     return _fit(ax)
@@ -609,17 +700,19 @@ class Arrow(FancyArrowPatch):
 
 def _size(ax: Axes3D) -> float:
     """The length of the longest edge of the box around all that is drawn; 1 m where nothing is."""
-    if not ax.has_data():
+    if not _has_data(ax):
         return 1.0
     return float(max(np.ptp(limits) for limits in (ax.get_xlim(), ax.get_ylim(), ax.get_zlim())))
 
 
+def _has_data(ax: Axes3D) -> bool:
+    """Whether anything is drawn; matplotlib knows its own artists alone."""
+    return ax.has_data() or any(isinstance(artist, _Meshes) for artist in ax.artists)
+
+
 def _fit(ax: Axes3D) -> Axes3D:
     ax.set_aspect("equal")
-    if ax in _OWN:
-        # The labels of the axes stand outside of the box.
-        box: Any = ax
-        box.set_box_aspect(ax.get_box_aspect(), zoom=_ZOOM)
+    if isinstance(ax, _Axes):
         low, high = MaxNLocator(4).tick_values(0, _size(ax))[:2]
         for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
             axis.set_major_locator(MultipleLocator(high - low))
@@ -628,7 +721,7 @@ def _fit(ax: Axes3D) -> Axes3D:
 
 def _include(ax: Axes3D, points: np.ndarray) -> None:
     """Widens the limits, as matplotlib does for what it draws itself."""
-    ax.auto_scale_xyz(*np.reshape(points, (-1, 3)).T, had_data=ax.has_data())
+    ax.auto_scale_xyz(*np.reshape(points, (-1, 3)).T, had_data=_has_data(ax))
 
 
 def _line(ax: Axes3D, start: np.ndarray, end: np.ndarray, color: str, gid: str) -> None:
@@ -645,11 +738,11 @@ def _arrow(
     return ax.add_artist(Arrow(start, end, is_head, gid=gid, joinstyle="miter", **look))
 
 
-def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, ha: str = "left") -> list[Any]:
+def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, middle: Any = None) -> list[Any]:
+    """Written beside a point of space, on the side that is away from another; to the right where there is none."""
     if not text:
         return []
-    x, y, z = p
-    return [ax.text(x, y, z, f"  {text}" if ha == "left" else text, ha=ha, va="center", **_ink(color))]
+    return [ax.add_artist(_Label(p, middle, text, **_ink(color)))]
 
 
 def _ink(color: str | None) -> dict[str, Any]:
@@ -659,24 +752,26 @@ def _ink(color: str | None) -> dict[str, Any]:
     return {**look, "path_effects": [halo]}
 
 
-class _Beside(Text3D):
-    """A text beside a point of space, `rim`, on the side of it that is away from another point."""
+class _Label(Text):
+    """A text beside a point of space, `p`, on the side of it that is away from another; to its right without one."""
 
-    def __init__(self, middle: np.ndarray, rim: np.ndarray, text: str, **style: Any):
-        look: Any = {"zdir": None, "ha": "center", "va": "center", **style}  # it lies along no axis
-        super().__init__(rim[0], rim[1], rim[2], text, **look)
-        self._ends = np.stack([middle, rim])
+    def __init__(self, p: np.ndarray, middle: np.ndarray | None, text: str, **style: Any):
+        super().__init__(0, 0, text, ha="center", va="center", **style)
+        self.p, self.middle = p, p if middle is None else middle
 
     def draw(self, renderer: Any) -> None:
         """Places the text on paper; axes call it."""
         ax: Any = self.axes
-        xs, ys, zs = self._ends.T
+        xs, ys, zs = np.stack([self.middle, self.p]).T
         x, y, _ = proj3d.proj_transform(xs, ys, zs, ax.get_proj())
         away = np.diff(ax.transData.transform(np.stack([x, y], -1)), axis=0)[0]
-        away = away / max(np.hypot(*away), 1e-9)
-        # Half its width and height, in points; it ends where its frame does.
-        half = self.get_fontsize() * np.array([0.32 * len(self.get_text()), 0.6])
-        away = away * (4 + (half / np.maximum(abs(away), 1e-9)).min()) / 72
+        length = np.hypot(*away)
+        away = away / length if length > 1e-3 else np.array([1.0, 0.0])
+        half = np.array(self.get_window_extent(renderer).size) / 2
+        gap = _BESIDE * ax.figure.dpi / 72
+        # It begins where its frame does.
+        away = away * (gap + (half / np.maximum(abs(away), 1e-9)).min()) / ax.figure.dpi
+        self.set_position((x[1], y[1]))
         self.set_transform(ax.transData + ScaledTranslation(away[0], away[1], ax.figure.dpi_scale_trans))
         super().draw(renderer)
 
@@ -693,25 +788,20 @@ def _sticks(ax: Axes3D, mech: Mechanism, X_WJ: _Poses, X_WF: _Poses, color: str,
     ax.plot(*X_WJ.p.T, linestyle="", marker="o", markersize=6, color=JOINT, zorder=_JOINT, gid="joints")
 
 
-def _solids(
-    ax: Axes3D, mech: Mechanism, q: ArrayLike, found: dict[str, list[Any]], ground: HalfSpace | None = None
-) -> None:
-    """Meshes by link, and their shadow on the ground."""
+def _solids(ax: Axes3D, mech: Mechanism, q: ArrayLike, found: dict[str, list[Any]]) -> "_Meshes | None":
+    """Meshes by link."""
     links = [(k, mesh) for k, several in enumerate(found.values()) for mesh in several]
     if not links:
-        return
+        return None
     X_WL = _state_poses(mech, q, list(found))
     parts = [
         (np.asarray(mesh.triangles, float) @ X_WL.R[k].T + X_WL.p[k], _shades(mesh, X_WL.R[k])) for k, mesh in links
     ]
     corners, colors = (np.concatenate(x) for x in zip(*parts, strict=True))
-    shadow = None
-    if ground is not None:
-        normal = _numbers(ground.normal) / np.linalg.norm(ground.normal)
-        above = np.maximum(corners @ normal - float(ground.offset), 0)
-        shadow = corners - above[..., None] / max(normal @ _LIGHT, 0.2) * _LIGHT
-    ax.add_artist(_Meshes(corners, colors, shadow, zorder=_BODY, gid="shapes"))
     _include(ax, corners)
+    solid = _Meshes(corners, colors, zorder=_BODY, gid="shapes")
+    ax.add_artist(solid)
+    return solid
 
 
 def _shades(mesh: Any, R_WL: np.ndarray) -> np.ndarray:
@@ -731,13 +821,23 @@ class _Meshes(Artist):
     """Triangles of space, drawn as one image: what is nearer covers, and edges are smooth in it.
 
     corners, colors: (n, 3, 3) positions, m, and colours of their corners.
-    shadow: (n, 3, 3) where the corners throw it; None for none.
+    shadow: (n, 3, 3) where the corners throw it; None for none. outline: (4, 3) of what it falls on.
     """
 
-    def __init__(self, corners: np.ndarray, colors: np.ndarray, shadow: np.ndarray | None = None, **style: Any):
+    shadow: np.ndarray | None = None
+    outline: np.ndarray
+
+    def __init__(self, corners: np.ndarray, colors: np.ndarray, **style: Any):
         super().__init__()
-        self.corners, self.colors, self.shadow = corners, colors, shadow
+        self.corners, self.colors = corners, colors
         self.update(style)
+
+    def throw_shadow(self, ground: HalfSpace, outline: np.ndarray) -> None:
+        """On a plane, within a part of it."""
+        normal = _numbers(ground.normal) / np.linalg.norm(ground.normal)
+        above = np.maximum(self.corners @ normal - float(ground.offset), 0)
+        self.shadow = self.corners - above[..., None] / max(normal @ _LIGHT, 0.2) * _LIGHT
+        self.outline = outline
 
     def _projected(self, corners: np.ndarray) -> np.ndarray:
         """(n, 3, 3) pixels from the left and from below, and the depth."""
@@ -768,19 +868,24 @@ class _Meshes(Artist):
         # What is nearer comes later, and stays.
         order = np.argsort(-rest[:, 0])
         solid[y[order], x[order], :3], solid[y, x, 3] = rest[order, 1:], 1
-        image = np.zeros((height, width, 4))
         if self.shadow is not None:
-            dark = np.zeros(shape)
+            dark, black = np.zeros(shape), np.zeros((height, width, 4))
             y, x, _ = _samples(self._projected(self.shadow), fine, shape)
             dark[y, x] = 1
-            image[..., 3] = 0.28 * _blurred(_mean(dark[..., None], fine)[..., 0], 0.1 * axes.figure.dpi)
+            black[..., 3] = 0.28 * _blurred(_mean(dark[..., None], fine)[..., 0], 0.1 * axes.figure.dpi)
+            self._paint(renderer, black, Path(self._projected(self.outline[None])[0, :, :2]))
         solid = _mean(solid, fine)
-        # The solid over its shadow, which is black; then with colours that are not multiplied by their opacity.
-        image = solid + (1 - solid[..., 3:]) * image
-        image[..., :3] /= np.maximum(image[..., 3:], 1e-9)
-        picture = BboxImage(Bbox.from_bounds(0, 0, width, height), origin="lower", interpolation="nearest")
+        solid[..., :3] /= np.maximum(solid[..., 3:], 1e-9)  # of pixels that are covered in part
+        self._paint(renderer, solid)
+
+    def _paint(self, renderer: Any, image: np.ndarray, within: Path | None = None) -> None:
+        """Draws an image of the whole figure; within: in pixels."""
+        figure: Any = self.figure
+        picture = BboxImage(Bbox.from_bounds(0, 0, *image.shape[1::-1]), origin="lower", interpolation="nearest")
         picture.set_data((255 * np.clip(image, 0, 1)).astype(np.uint8))
-        picture.set_figure(axes.figure)
+        picture.set_figure(figure)
+        if within is not None:
+            picture.set_clip_path(within, IdentityTransform())
         picture.draw(renderer)
 
 
@@ -820,22 +925,39 @@ def _triad(ax: Axes3D, R: np.ndarray, p: np.ndarray, length: float, name: str) -
     for axis, color, letter in zip(R.T, XYZ, "xyz", strict=True):
         ax.plot(*np.stack([p, p + length * axis]).T, color=color, linewidth=2.2, zorder=_FRAME, gid=f"{name} {letter}")
     # On the side where no axis is.
-    _text(ax, p - 0.35 * length * R.sum(1), name, ha="center")
+    _text(ax, p, name, middle=p + length * R.sum(1) / 3)
 
 
-def _plane(ax: Axes3D, ground: HalfSpace, centre: np.ndarray, size: float) -> None:
-    """A checkered square of the plane, under the robot."""
+def _around(ax: Axes3D) -> tuple[np.ndarray, np.ndarray]:
+    """The corners of the box around all that is drawn, a little larger, and not much less wide than it is long."""
+    limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    middle, size = limits.mean(1), _size(ax)
+    half = np.maximum(np.ptp(limits, axis=1) / 2 + _BEYOND * size, _GROUND / 2 * size)
+    return middle - half, middle + half
+
+
+def _plane(ax: Axes3D, ground: HalfSpace) -> np.ndarray:
+    """A checkered part of the plane, next to the robot; returns its corners (4, 3)."""
     if ground.batch_shape:
         raise ValueError(f"plot.mechanism: ground: expected one plane, got a batch {ground.batch_shape}")
     normal = _numbers(ground.normal)
     normal = normal / np.linalg.norm(normal)
-    u, v = _across(normal)
-    middle = centre - (normal @ centre - float(ground.offset)) * normal
-    edge = _GROUND * size / _SQUARES
-    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)]) - _SQUARES / 2
-    squares = [(corners + (i, j)) * edge for i in range(_SQUARES) for j in range(_SQUARES)]
-    squares = middle + np.stack(squares) @ np.stack([u, v])
-    _checkered(ax, squares, np.array([(k + k // _SQUARES) % 2 for k in range(_SQUARES**2)]))
+    # Its squares lie along the two axes of the world that it faces least.
+    k = int(np.argmax(abs(normal)))
+    a, b = (i for i in range(3) if i != k)
+    low, high = _around(ax)
+    counts = np.maximum(np.rint((high - low)[[a, b]] / _size(ax) * _SQUARES), 1).astype(int)
+
+    def at(share: np.ndarray) -> np.ndarray:
+        p = np.zeros((*share.shape[:-1], 3))
+        p[..., [a, b]] = low[[a, b]] + share * (high - low)[[a, b]]
+        p[..., k] = (float(ground.offset) - p @ normal) / normal[k]
+        return p
+
+    corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    squares = np.stack(np.meshgrid(*map(np.arange, counts), indexing="ij"), -1).reshape(-1, 2)
+    _checkered(ax, at((squares[:, None] + corners) / counts), squares.sum(1) % 2)
+    return at(corners.astype(float))
 
 
 def _surface(ax: Axes3D, triangles: np.ndarray) -> None:
@@ -850,7 +972,8 @@ def _surface(ax: Axes3D, triangles: np.ndarray) -> None:
 def _checkered(ax: Axes3D, polygons: np.ndarray, is_dark: np.ndarray, darker: Any = 0.0) -> None:
     opacity = 0.1 + 0.12 * is_dark + darker
     shades = np.column_stack([np.tile(to_rgb(GROUND), (len(polygons), 1)), np.broadcast_to(opacity, len(polygons))])
-    ax.add_collection3d(Poly3DCollection(polygons, facecolors=shades, linewidths=0, zorder=_PLANE, gid="ground"))
+    look: Any = {"facecolors": shades, "linewidths": 0, "zorder": _PLANE, "gid": "ground"}
+    ax.add_collection(Poly3DCollection(polygons, **look), autolim=False)
     _include(ax, polygons)
 
 
@@ -869,7 +992,7 @@ class _Wrenches:
 
     def __init__(self, ax: Axes3D):
         limits = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()]).T
-        self.scene = limits if ax.has_data() else np.zeros((0, 3))
+        self.scene = limits if _has_data(ax) else np.zeros((0, 3))
         self.given, self.scale = Scales(), Scales()
         self.wrenches: list[tuple[np.ndarray, np.ndarray, np.ndarray, str]] = []  # tau, f, the point, a name
         self.artists: list[Any] = []
@@ -896,12 +1019,12 @@ class _Wrenches:
             force, torque = (self.scale.force or 0) * f, (self.scale.torque or 0) * tau
             is_seen, radius = np.linalg.norm(force) >= least, float(np.linalg.norm(torque))
             if is_seen:
-                self.artists += [_arrow(ax, p, p + force, FORCE, "force"), *_text(ax, p + force, name, FORCE)]
+                self.artists += [_arrow(ax, p, p + force, FORCE, "force"), *_text(ax, p + force, name, FORCE, p)]
             if radius >= least:
                 self.artists += _arc(ax, torque / radius, p, radius)
                 if name and not is_seen:
                     away = self._away(p, torque / radius)
-                    self.artists.append(ax.add_artist(_Beside(p, p + radius * away, name, **_ink(TORQUE))))
+                    self.artists += _text(ax, p + radius * away, name, TORQUE, p)
         if self.has_bars:
             self.draw_bars(ax)
 
@@ -918,12 +1041,16 @@ class _Wrenches:
         if self.scale.force:
             number = _round_below(0.7 * _LONGEST * self.size / self.scale.force)
             tip = corner + self.scale.force * number * up
-            self.artists += [_arrow(ax, corner, tip, FORCE, "force bar"), *_text(ax, tip, f"{number:g} N", FORCE)]
+            self.artists += [
+                _arrow(ax, corner, tip, FORCE, "force bar"),
+                *_text(ax, tip, f"{number:g} N", FORCE, corner),
+            ]
         if self.scale.torque:
             number = _round_below(_WIDEST * self.size / self.scale.torque)
             radius = self.scale.torque * number
-            beside = corner + [1.8 * radius, -1.8 * radius, 0]
-            self.artists += [*_arc(ax, up, corner, radius), *_text(ax, beside, f"{number:g} N m", TORQUE, ha="center")]
+            azimuth = np.deg2rad(ax.azim)
+            right = corner + radius * np.array([-np.sin(azimuth), np.cos(azimuth), 0])  # of it, as it is seen now
+            self.artists += [*_arc(ax, up, corner, radius), *_text(ax, right, f"{number:g} N m", TORQUE, corner)]
 
 
 def _amounts(tau: np.ndarray, f: np.ndarray) -> list[str]:
@@ -956,7 +1083,7 @@ def _draw_wrenches(
         check.require_kind(scale, Scales, f"{operation}: scale")
     drawn = _WRENCHES.get(ax)
     # Axes that were cleared have none.
-    if drawn is None or any(artist.axes is not ax for artist in drawn.artists) or not ax.has_data():
+    if drawn is None or any(artist.axes is not ax for artist in drawn.artists) or not _has_data(ax):
         drawn = _WRENCHES[ax] = _Wrenches(ax)
     drawn.given = Scales(
         *(old if new is None else new for old, new in zip(drawn.given, scale or Scales(), strict=True))

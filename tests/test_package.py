@@ -1,5 +1,6 @@
 """What users install: the wheel and the source distribution, built and installed from."""
 
+import importlib.metadata
 import pathlib
 import subprocess
 import sys
@@ -8,11 +9,16 @@ import tomllib
 import zipfile
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from jaxspatial.command import measuring, options, quadruped
 
 pytest.importorskip("hatchling")
 
 ROOT = pathlib.Path(__file__).parent.parent
-VERSION = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+VERSION = PROJECT["version"]
 # A wrench moved in an interpreter that finds no other jaxspatial than the installed one.
 SCRIPT = """
 import importlib.metadata, pathlib, sys
@@ -50,6 +56,35 @@ def test_the_source_holds_what_it_is_built_from(built):
     with tarfile.open(built[".gz"]) as archive:
         names = {name.split("/", 1)[1] for name in archive.getnames() if "/" in name}
     assert {"pyproject.toml", "README.md", "LICENSE", "jaxspatial/__init__.py", "tests/conftest.py"} <= names
+
+
+def _brought(texts):
+    """The distributions that requirements bring, with all that these need."""
+    found, left = set(), [*texts]
+    while left:
+        requirement = Requirement(left.pop())
+        name = canonicalize_name(requirement.name)
+        if name not in found and (requirement.marker is None or requirement.marker.evaluate({"extra": ""})):
+            found.add(name)
+            left += importlib.metadata.requires(name) or ()
+    return found
+
+
+def test_the_command_needs_what_its_extra_brings(monkeypatch):
+    """Its robot is read, and what it shows is imported, without the packages of other extras."""
+    extras = PROJECT["optional-dependencies"]
+    others = {name for extra in ("models", "view", "learn") for name in map(_name, extras[extra])}
+    others -= _brought([*PROJECT["dependencies"], *extras["plot"]])
+    modules = {x for x, names in importlib.metadata.packages_distributions().items() if others & {*map(_name, names)}}
+    assert "mujoco" in modules
+    for module in modules | {name for name in sys.modules if name.partition(".")[0] in modules}:
+        monkeypatch.setitem(sys.modules, module, None)
+    measuring.check_installed(options.to_measure([]), "lxml")
+    assert quadruped.mechanism().nv == 18
+
+
+def _name(text):
+    return canonicalize_name(Requirement(text).name)
 
 
 @pytest.mark.parametrize("ending", [".whl", ".gz"])

@@ -434,7 +434,7 @@ def test_shapes_throw_a_shadow_on_a_plane(tmp_path):
     """The light comes from x and from -y."""
     pytest.importorskip("yourdfpy")
     ground = js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(1.0))
-    at_ground, away = (-0.05, 0.14, 1.0), (0.4, -0.4, 1.0)
+    at_ground, away = (-0.05, 0.14, 1.0), (0.13, -0.13, 1.0)
     ax = with_shapes(tmp_path, _BOX, 0, ground)
     (solid,) = (found for found in ax.artists if found.get_gid() == "shapes")
     np.testing.assert_allclose(solid.shadow[..., 2], 1, atol=1e-6)
@@ -443,6 +443,8 @@ def test_shapes_throw_a_shadow_on_a_plane(tmp_path):
     ax.view_init(60, -90)
     image, at = painted(ax)
     assert image[at(at_ground)].max() < 0.85 and image[at(away)].min() > 0.99
+    beyond = (-0.16, 0.18, 1.0)  # in the shadow, if the ground went on
+    assert image[at(beyond)].min() > 0.99
 
 
 def test_amounts_stand_beside_torques():
@@ -492,19 +494,52 @@ def test_a_short_arrow_has_a_small_head():
     assert {arrow.get_mutation_scale() for arrow in ax.patches if arrow.get_gid() == "torque head"} == {6 * 1.7}
 
 
-@pytest.mark.parametrize("ground", [None, js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(0))])
-def test_labels_are_not_cut(ground):
-    """Those of axes and ticks are in the figure."""
-    ax = plot.mechanism(arm(), Q, ground=ground)
-    ax.figure.canvas.draw()
-    width, height = ax.figure.bbox.size
+def _flat(ax):
+    """Much wider than high, with names at its ends."""
+    plot.frame(placed(0, 0, 0), ax, length=0.2, name="the world")
+    return plot.frame(placed(2, 0.5, 0), ax, length=0.2, name="a frame with a long name")
+
+
+SCENES = {
+    "arm": lambda ax: plot.mechanism(arm(), Q, ax),
+    "arm on the ground": lambda ax: plot.mechanism(arm(), Q, ax, ground=js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(0))),
+    "flat": _flat,
+    "high": lambda ax: plot.inertia(js.SpatialInertia.solid_box(FLOAT([0.3, 0.4, 3]), mass=FLOAT(1)), ax),
+}
+
+
+@pytest.mark.parametrize("size", [(6.5, 6), (3.35, 2)])  # in: of a screen, and of a column of a paper
+@pytest.mark.parametrize("scene", SCENES)
+def test_labels_are_not_cut(scene, size):
+    """Those of axes, ticks and things are in the figure; names of axes are clear of numbers; little room is left."""
+    figure = pyplot.figure(figsize=size)
+    ax = SCENES[scene](plot.axes(figure))
+    figure.canvas.draw()
+    width, height = figure.bbox.size
+    texts, corners = list(ax.texts), np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
     for axis in (ax.xaxis, ax.yaxis, ax.zaxis):
         low, high = axis.get_view_interval()
         seen = [tick.label1 for tick in axis.get_major_ticks() if low < tick.get_loc() < high]
-        assert seen
-        for text in (axis.label, *seen):
-            box = text.get_window_extent()
-            assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height, text
+        assert seen or scene == "high"
+        assert not any(axis.label.get_window_extent().overlaps(text.get_window_extent()) for text in seen)
+        texts += [axis.label, *seen]
+    boxes = [text.get_window_extent() for text in texts]
+    for text, box in zip(texts, boxes, strict=True):
+        assert box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height, text
+    at = np.stack(np.meshgrid(*corners), -1).reshape(-1, 3)
+    paper = ax.transData.transform(np.stack(plot.proj3d.proj_transform(*at.T, ax.get_proj())[:2], -1))
+    paper = np.concatenate([paper, *(box.get_points() for box in boxes)])
+    assert (np.ptp(paper, axis=0) / [width, 0.94 * height]).max() > 0.9
+
+
+def test_a_robot_on_the_ground_is_as_large():
+    """The ground is beside it, and no larger than that needs: the box around both is not much larger on paper."""
+    heights = []
+    for ground in (None, js.HalfSpace(FLOAT([0, 0, 1]), FLOAT(0)), lambda p: p[2] - 0.02 * jnp.sin(9 * p[0])):
+        ax = plot.mechanism(arm(), Q, ground=ground)
+        _, at = painted(ax)
+        heights.append(np.subtract(at(named(ax, "joints")[0][2]), at(np.zeros(3)))[0])
+    assert min(heights[1:]) > 0.8 * heights[0] > 100
 
 
 @pytest.mark.parametrize("module", ["plot", "viewer"])

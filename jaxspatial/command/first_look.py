@@ -48,7 +48,7 @@ class Look(NamedTuple):
 
 def run(given: argparse.Namespace) -> int:
     """Measures, prints a page and draws a picture; returns the exit status."""
-    measuring.check_installed(given)
+    measuring.check_installed(given, "lxml")  # which reads the robot
     from jaxspatial.command import picture, report
 
     path, console = measuring.picture_of(given), measuring.console_on()

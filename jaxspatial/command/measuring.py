@@ -64,9 +64,10 @@ def console_on(stderr: bool = False):
     return Console(width=None if sys.stdout.isatty() else _WIDTH, stderr=stderr)
 
 
-def check_installed(given):
-    """Says what is missing before any work is done."""
+def check_installed(given, *more: str):
+    """Says what is missing before any work is done; more: packages that a job needs besides."""
     needed = {"rich": not given.json, "matplotlib": not given.json or given.picture is not None}
+    needed |= dict.fromkeys(more, True)
     for name in (name for name, is_needed in needed.items() if is_needed):
         try:
             importlib.import_module(name)

@@ -58,7 +58,7 @@ def draw(result: Result, file, ending: str = "png"):
 
 def draw_first_look(look: Look, file, ending: str = "png"):
     """A wrench beside its bounds, the robot that is pushed, and what a precision costs and buys."""
-    figure = Figure(figsize=(16, 5), layout="constrained")
+    figure = Figure(figsize=(12, 4.6), layout="constrained")
     places: Any = figure.add_gridspec(1, 3, width_ratios=(1, 1, 1.3))
     _draw_wrenches(figure.add_subplot(places[0]), look)
     _draw_robot(figure, places[1], look)
@@ -87,15 +87,15 @@ def _draw_robot(figure, place, look: Look):
 
     push = (0.1, 0.2, (0.0, quadruped.PUSH, 0.0))
     mech, q, (feet, trunk) = quadruped.pushed(0.2, [push])
-    ax: Any = figure.add_subplot(place, projection="3d", computed_zorder=False)
+    ax: Any = plot.axes(figure, place)
     plot.mechanism(mech, q[-1], ax, ground=quadruped.GROUND)
     plot.wrench(trunk["trunk"].at_batch(-1), q[-1, 4:7], ax, axis=False, name="push")
     points = forward_kinematics(mech, q[-1], feet.frames).translation
     plot.wrench(feet.wrenches.at_batch(-1), points, ax, axis=False)
     ax.set_axis_off()
-    ax.set_box_aspect(ax.get_box_aspect(), zoom=1.25)
-    title = f"{look.steps:,.0f} steps a second, batch {STATES}\n{look.gradients:,.0f} gradients, batch {GRADIENTS}"
-    ax.set_title(f"A quadruped, pushed\n{title}")
+    steps = f"{look.steps:,.0f} steps a second, batch {STATES}"
+    gradients = f"{look.gradients:,.0f} gradients a second, batch {GRADIENTS}"
+    ax.set_title(f"A quadruped, pushed: {steps};\n{gradients}", fontsize="medium")
 
 
 def _places(result, dtypes):
@@ -308,9 +308,9 @@ def _draw_losses(axes, losses):
         size, worst, best = map(readable, (loss.size, loss.errors["fast"], loss.errors["compensated"]))
         text = f"{loss.name}\nof {size} {loss.unit} fast is off by {worst}, compensated by {best}"
         axes.text(_NOTHING, i - 0.18, text, fontsize=_SMALL, va="bottom")
-    axes.set(xscale="log", xlim=(_NOTHING / 2, 2), ylim=(len(losses) - 0.5, -1.0), yticks=[])
+    axes.set(xscale="log", xlim=(_NOTHING / 2, 2), ylim=(len(losses) - 0.2, -1.0), yticks=[])
     axes.set(title="What an application loses in float32", xlabel="worst error over the largest result")
     axes.grid(alpha=0.25, axis="x")
     handles, names = axes.get_legend_handles_labels()
     keys = dict(zip(names, handles, strict=True))
-    axes.legend(keys.values(), keys.keys(), frameon=False, loc="lower right", fontsize=_SMALL)
+    axes.legend(keys.values(), keys.keys(), frameon=False, loc="lower right", ncols=3, fontsize=_SMALL)

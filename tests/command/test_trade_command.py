@@ -120,10 +120,13 @@ def test_a_broken_promise_is_an_exit_status(tmp_path, capsys, monkeypatch):
     assert "does not hold here: shift_force float32 fast" in out and "float32 faithful" not in out
 
 
-@pytest.mark.parametrize(("name", "options"), [("rich", []), ("matplotlib", ["--json", "--picture", "x.png"])])
-def test_what_is_missing_is_said(name, options, capsys, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [("rich", SMALL), ("matplotlib", [*SMALL, "--json", "--picture", "x.png"]), ("lxml", [])],
+)
+def test_what_is_missing_is_said(name, arguments, capsys, monkeypatch):
     monkeypatch.setitem(sys.modules, name, None)
-    assert main(SMALL + options) == 2
+    assert main(arguments) == 2
     assert "from a clone, pip install '.[plot]'" in capsys.readouterr().err
 
 

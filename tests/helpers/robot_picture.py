@@ -53,7 +53,7 @@ def drawn(dpi=DPI):
     plot.wrench(F_T_W, js.forward_kinematics(mech, q, T).translation, ax, name="20 N")
     ax.view_init(14, -68)
     ax.set_axis_off()
-    ax.set_position((-0.606, -0.643, 1.77, 2.3))
+    ax.set_position((0, 0, 0.76, 1))
     shown = {gid: next(line for line in ax.lines if line.get_gid() == gid) for gid in ("torque", "central axis")}
     arrow = Line2D([], [], color=plot.FORCE, marker=11, markevery=[0], linewidth=2)
     rows = {"motors: js.inverse_dynamics": shown["torque"], "weight of the load: js.SpatialForce": arrow}
