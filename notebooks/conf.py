@@ -76,6 +76,9 @@ PROJECT = tomllib.loads((HERE.parent / "pyproject.toml").read_text())["project"]
 if "urls" in PROJECT:
     address = PROJECT["urls"]["Repository"]
     html_theme_options["icon_links"] = [{"name": "Repository", "url": address, "icon": "fa-brands fa-github"}]
+    # Versions to choose from; without an address, the title of each page says which one it is of.
+    html_theme_options |= pages.choice_of_versions(address, release, HERE / "source/versions/switcher.json")
+    html_static_path.append("source/versions")
 
 # -- links ------------------------------------------------------------------------------------------------------------
 # Pages link files as a clone has them. Here a page is linked as a page, a picture is copied, and of any other file of

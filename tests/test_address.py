@@ -1,5 +1,6 @@
 """The public address of the repository: none is told that is not in pyproject.toml, and one command writes it."""
 
+import json
 import re
 import shutil
 import sys
@@ -8,12 +9,14 @@ import types
 
 import pytest
 
+import jaxspatial as js
 from tests.helpers.optional import needs
 
 nbformat = needs("nbformat")
 
 from tests.helpers import write_address  # noqa: E402
 from tests.helpers.write_address import ROOT  # noqa: E402
+from tests.test_reference import pages  # noqa: E402
 
 URL = "https://github.com/somebody/jaxspatial"
 NOTEBOOKS = sorted(path.name for path in (ROOT / "notebooks").glob("*.ipynb"))
@@ -68,6 +71,17 @@ def test_a_notebook_opens_in_colab_and_installs_there(written, name, monkeypatch
     for module, package in {"equinox": "equinox", "optax": "optax", "brax": "brax", "mujoco.mjx": "mujoco-mjx"}.items():
         if re.search(rf"^(import|from) {re.escape(module)}\b", code, re.M):
             assert package in brought, module
+
+
+def test_the_site_has_a_menu_of_versions(tmp_path):
+    """This release is at the root of the site, and every one of the page on releases has its place."""
+    file = tmp_path / "versions/switcher.json"
+    options = pages.choice_of_versions(URL, js.__version__, file)
+    listed = {x["version"]: x["url"] for x in json.loads(file.read_text())}
+    assert listed[js.__version__] == "https://somebody.github.io/jaxspatial/"
+    assert all(url == f"{listed[js.__version__]}{x}/" for x, url in listed.items() if x != js.__version__)
+    menu = {"json_url": f"{listed[js.__version__]}_static/switcher.json", "version_match": js.__version__}
+    assert options["switcher"] == menu and "version-switcher" in options["navbar_end"]
 
 
 def test_what_colab_cannot_open_is_refused(written):

@@ -3,6 +3,7 @@
 import contextlib
 import importlib
 import inspect
+import json
 import pathlib
 import re
 import subprocess
@@ -67,6 +68,26 @@ def first_sentence(x: Any) -> str:
     """What it computes, for a list."""
     paragraph = (inspect.getdoc(x) or "").partition("\n\n")[0]
     return " ".join(re.split(r"\.(?:\s|$)", paragraph.rstrip(":"))[0].split()) + "."
+
+
+def choice_of_versions(address: str, release: str, file: pathlib.Path) -> dict[str, Any]:
+    """Options of the theme for a menu of the versions in releases.md, and the file that the menu reads.
+
+    address: of the repository on GitHub, whose site is the branch gh-pages: this release at its root, earlier ones in
+    folders with their names. All of them read the list of the newest.
+    """
+    owner, name = address.removeprefix("https://github.com/").split("/")
+    site = f"https://{owner.lower()}.github.io/{name}/"
+    versions = re.findall(r"^## (\d+(?:\.\d+)+)", (FOLDER / "releases.md").read_text(), re.M)
+    listed = [{"version": x, "url": site if x == release else f"{site}{x}/"} for x in versions]
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(json.dumps(listed))
+    menu = {"json_url": f"{site}_static/{file.name}", "version_match": release}
+    return {
+        "switcher": menu,
+        "check_switcher": False,
+        "navbar_end": ["version-switcher", "theme-switcher", "navbar-icon-links"],
+    }
 
 
 # -- as pages ---------------------------------------------------------------------------------------------------------

@@ -2,9 +2,9 @@
 
     python -m tests.helpers.write_address https://github.com/OWNER/NAME
 
-`project.urls` of pyproject.toml gets it, from which the site takes its link to the repository; the citation in the
-README; `git clone` on the page on installing; and each notebook, as a badge that opens it in Colab and as a first cell
-that installs there, and only there, what its text says.
+`project.urls` of pyproject.toml gets it, from which the site takes its link to the repository, and a menu of versions;
+the citation in the README; `git clone` on the page on installing; and each notebook, as a badge that opens it in Colab
+and as a first cell that installs there, and only there, what its text says.
 """
 
 import json
