@@ -596,9 +596,19 @@ def test_every_robot_of_a_collection_is_read():
 def test_limits_that_have_no_place_are_listed():
     limited = changed(MIMIC[1], ("/><mimic", '/><limit lower="0" upper="1"/><mimic'))
     assert warned(read, ARM, (MIMIC[0], limited)).left_out["<limit> of a mimic"] == ("elbow",)
-    limited = limited.partition("<mimic")[0]
-    found = warned(read, ARM, (MIMIC[0], limited)).left_out
+    found = warned(read, ARM, (MIMIC[0], limited.partition("<mimic")[0])).left_out
     assert found["lower and upper limit of a continuous joint"] == ("elbow",)
+
+
+@pytest.mark.parametrize("limit", ['lower="-3.4" upper="2.5"', 'lower="-3.5" upper="2.4"', 'velocity="7"', ""])
+def test_limits_of_a_mimic_that_say_nothing_more_are_not_listed(limit):
+    """It moves by -2 times the angle of the other, which is within -1 and 2 rad and 4 rad/s, and 0.5 rad."""
+    as_wide = 'lower="-3.5" upper="2.5" effort="1" velocity="8"'
+    limited = changed(MIMIC[1], ("/><mimic", f"/><limit {limit or as_wide}/><mimic"))
+    if limit:
+        assert warned(read, ARM, (MIMIC[0], limited)).left_out["<limit> of a mimic"] == ("elbow",)
+    else:
+        read(ARM, (MIMIC[0], limited))
 
 
 def _of_moments(ixx, iyy, izz):

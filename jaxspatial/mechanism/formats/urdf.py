@@ -357,10 +357,9 @@ class _File(ModelText):
             if element.find(side) is None or not element.find(side).get("link"):
                 self.refuse(element, f"{side}: expected a link")
         kind, limit = element.get("type"), element.find("limit")
-        if limit is not None and element.find("mimic") is not None and kind != "fixed":
-            self.miss("<limit> of a mimic", self.place(limit))
-        elif (
+        if (
             limit is not None
+            and element.find("mimic") is None
             and kind in ("continuous", "floating", "planar", "spherical")
             and (limit.get("lower") or limit.get("upper"))
         ):
@@ -441,6 +440,22 @@ def _check_mimics(file: _File, joints: list[Element]):
             file.refuse(
                 joint, f"mimic: expected a joint of its own coordinate at the end, got {ring} in a ring; cut it"
             )
+        limit = joint.find("limit")
+        if limit is not None and not _has_limits_within(of[followed[name]], joint):
+            file.miss("<limit> of a mimic", file.place(limit))
+
+
+def _has_limits_within(leader: Element, joint: Element) -> bool:
+    """Whether a joint is within its limits of place and speed wherever the one that it mimics is within its own: then
+    they say nothing more. Its motor is that of the other, so an effort of its own says nothing either."""
+    multiplier, offset = _number(joint, "mimic", "multiplier", 1.0), _number(joint, "mimic", "offset", 0.0)
+    (low, high), ends = (
+        (_number(x, "limit", "lower", -np.inf), _number(x, "limit", "upper", np.inf)) for x in (joint, leader)
+    )
+    moved = [multiplier * end + offset for end in ends]
+    of_own, of_leader = (_number(x, "limit", "velocity", np.inf) for x in (joint, leader))
+    within = low <= min(moved) and max(moved) <= high and abs(multiplier) * of_leader <= of_own
+    return bool(multiplier) and within
 
 
 def _root(file: _File, links: list[Element], joints: list[Element]) -> str:
