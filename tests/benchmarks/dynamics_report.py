@@ -156,7 +156,7 @@ def _lines_of_shapes(shapes):
 
 
 def picture(results, path):
-    """A row for each robot: what compiling costs against what running costs, then us per state in each dtype."""
+    """Rows of us per state in each dtype, for each robot, and below what compiling costs against what running costs."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -164,19 +164,21 @@ def picture(results, path):
     from matplotlib.lines import Line2D
 
     robots = list(dict.fromkeys(r.robot for r in results))
-    widest = max(sum(r.robot == x for r in results) for x in robots)
-    figure, panels = plt.subplots(
-        len(robots), 1 + widest, figsize=(6.5 + 5.5 * widest, 6 * len(robots)), squeeze=False, layout="constrained"
-    )
-    for row, robot in zip(panels, robots, strict=True):
-        own = [r for r in results if r.robot == robot]
-        _scatter(row[0], own[0])
-        for axes, result in zip(row[1:], own, strict=False):
-            _dots(axes, result, is_first=result is own[0])
+    own = {robot: [r for r in results if r.robot == robot] for robot in robots}
+    # As wide as a page, so that texts are read as they are.
+    height = 5.5 * len(robots)
+    figure = plt.figure(figsize=(11, height + 5), layout="constrained")
+    times, compiling = figure.subfigures(2, 1, height_ratios=(height, 5))
+    panels = times.subplots(len(robots), max(map(len, own.values())), squeeze=False)
+    for row, several in zip(panels, own.values(), strict=True):
+        for axes, result in zip(row, several, strict=False):
+            _dots(axes, result, is_first=result is several[0])
+    for axes, several in zip(compiling.subplots(1, len(robots), squeeze=False)[0], own.values(), strict=True):
+        _scatter(axes, several[0])
     shown = [x for x in (OURS, *PEERS) if any((x, r.many) == c[:0:-1] for r in results for c in r.seconds)]
     handles = [Line2D([], [], marker=MARKERS[x], color=COLOURS[x], ls="", ms=8) for x in shown]
     figure.legend(handles, shown, loc="outside upper center", ncols=5, frameon=False, fontsize=12)
-    figure.savefig(path, dpi=90)
+    figure.savefig(path, dpi=100)
     plt.close(figure)
 
 
@@ -204,7 +206,7 @@ def _name(axes, points):
     axes.margins(0.1)
     low, high = axes.get_xlim()
     axes.set_xlim(low, high * (high / low) ** 1.4)
-    places = np.linspace(0.04, 0.96, len(points))
+    places = np.linspace(0.03, 0.97, len(points))
     for (name, x, y), place in zip(sorted(points, key=lambda p: p[2]), places, strict=True):
         told = {"xycoords": "data", "textcoords": axes.transAxes, "fontsize": 9, "va": "center"}
         line = {"arrowstyle": "-", "color": COLOURS[OURS], "lw": 0.6, "alpha": 0.6, "relpos": (0, 0.5)}
@@ -221,10 +223,13 @@ def _dots(axes, result, is_first):
         for who, time in times.items():
             axes.plot(time, height, MARKERS[who], color=COLOURS[who], ms=8, zorder=3)
         if OURS in times:
-            told = {"textcoords": "offset points", "ha": "center", "fontsize": 8, "color": COLOURS[OURS]}
-            axes.annotate(number(times[OURS]), (times[OURS], height), (0, 7), **told)
+            is_least = times[OURS] == min(times.values())  # then there is room on the left
+            told = {"textcoords": "offset points", "va": "center", "fontsize": 8, "color": COLOURS[OURS]}
+            at = {"xytext": (-7, 0), "ha": "right"} if is_least else {"xytext": (7, 0), "ha": "left"}
+            axes.annotate(number(times[OURS]), (times[OURS], height), **at, **told)
     axes.set_yticks(range(len(algorithms)), algorithms if is_first else [""] * len(algorithms))
     axes.set(xscale="log", xlabel="us per state", ylim=(-0.6, len(algorithms) - 0.3))
+    axes.set_xlim(axes.get_xlim()[0] / 3)  # room for the numbers
     axes.set_title(f"{result.robot}, {result.dtype}, batch {result.many}")
     _bare(axes)
 
