@@ -101,6 +101,19 @@ def test_search_finds_a_name(site, name):
     assert page in (titled if isinstance(titled, list) else [titled])
 
 
+@pytest.mark.parametrize(("words", "name"), [("RNEA", "inverse_dynamics"), ("ABA", "forward_dynamics"),
+                                             ("CRBA", "mass_matrix"), ("domain randomization", "as_data")])  # fmt: skip
+def test_search_finds_what_the_field_says(site, words, name):
+    """A page that has all of the words, and the call that they mean."""
+    out, _ = site
+    index = json.loads((out / "searchindex.js").read_text().removeprefix("Search.setIndex(").removesuffix(")"))
+    stem = importlib.import_module("sphinx.search.en").SearchEnglish({}).stem
+    found = [index["terms"][stem(word)] for word in words.lower().split()]
+    shared = set.intersection(*(set(x if isinstance(x, list) else [x]) for x in found))
+    texts = [(out / f"{index['docnames'][k]}.html").read_text() for k in shared]
+    assert any(name in text for text in texts)
+
+
 def test_no_link_is_broken(site):
     _, pages = site
     broken = []
