@@ -106,7 +106,7 @@ WITH_RULES = ["exp", "log", "from_roll_pitch_yaw", "left_jacobian", "exp_of_moti
 
 @pytest.mark.parametrize("name", slow_but(WITH_RULES, list(OPERATIONS)))
 def test_derivatives_of_numbers_computed_in_64_bits_need_no_64_bit_types(name):
-    """Of float32 "compensated" and "faithful" compute in float64. The order in which cotangents are added may differ."""
+    """Of float32 "compensated" and "faithful" compute in float64. The order of sums of cotangents may differ."""
     operation = OPERATIONS[name]
     arrays = operation.arrays((3,), np.float32)
     floats = tuple(i for i, x in enumerate(arrays) if jnp.issubdtype(x.dtype, jnp.floating))
