@@ -33,6 +33,8 @@ MOST_UNROLLED = 20_000
 LEAST_SKIPPED = 50
 # Numbers in a table from which a program picks by an index. Where there are more, reading them takes the compiler long.
 LARGEST_TABLE = 1 << 16
+# Numbers that are read at once beside an index.
+LARGEST_WINDOW = 8
 
 
 class NotSupportedError(Exception):
@@ -63,9 +65,9 @@ class Graph:
     number of its loop. A "last" is what a loop leaves of a carried number, and a "stacked" what a node of the body was
     in one turn: their details are (loop, which, row). A "convert" or "bitcast" has another dtype than its operand.
     regions: 0 is the program, others are the bodies of loops. parents: of each region, the one around it.
-    A "lookup" is what a table has at an index: its detail is the number of the table. tables: of each the nodes, all
-    constants or loads that lie one after the other. results: for each result of the program its nodes. copies: nodes
-    that do again what others do.
+    A "lookup" is what a table has so many places behind an index: its details are the numbers of the table and of the
+    places. tables: of each the nodes, all constants or loads that lie one after the other. results: for each result of
+    the program its nodes. copies: nodes that do again what others do.
     """
 
     def __init__(self):
@@ -155,13 +157,13 @@ class Graph:
             self.tables.append(table)
         return self._tables[table]
 
-    def lookup(self, table: int, index: int, dtype: np.dtype) -> int:
-        """The node of the number of a table at an index, which is in its range."""
-        key = "lookup", table, index
+    def lookup(self, table: int, index: int, places: int, dtype: np.dtype) -> int:
+        """The node of the number of a table so many places behind an index, which is in its range."""
+        key = "lookup", table, index, places
         if key not in self._known:
             region = max(self._branch, self.regions[index], key=self.depths.__getitem__)
             self._known[key] = node = self._added("lookup", (index,), dtype, region)
-            self.details[node] = table
+            self.details[node] = table, places
             if self._branch:
                 self._known_there.append(key)
         return self._known[key]
@@ -738,24 +740,35 @@ class _Builder:
         axes = _Axes(d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims, d.start_indices_batching_dims)
         is_known = all(i in self.graph.constants for i in indices.ravel().tolist())
         is_inside = eqn.params["mode"] in (lax.GatherScatterMode.CLIP, lax.GatherScatterMode.PROMISE_IN_BOUNDS)
-        if not is_known and is_inside and x.ndim == 1 and x.size and axes.dropped == (0,):
-            return [self._looked_up(x, indices[..., 0])]
-        places = self._windows(x.shape, eqn.params["slice_sizes"], indices, axes)
-        n_batch = indices.ndim - 1
-        y = x.ravel()[places]
+        sizes, n_batch = eqn.params["slice_sizes"], indices.ndim - 1
+        is_small = x.size and not axes.batching and math.prod(sizes) <= LARGEST_WINDOW
+        if not is_known and is_inside and is_small:
+            y = self._looked_up(x, sizes, indices, axes)
+        else:
+            y = x.ravel()[self._windows(x.shape, sizes, indices, axes)]
         return [np.moveaxis(y, range(n_batch, y.ndim), d.offset_dims)]
 
-    def _looked_up(self, x: Nodes, indices: Nodes) -> Nodes:
-        """Numbers of a table (n,) at indices, which are moved into it."""
+    def _looked_up(self, x: Nodes, sizes: Sequence[int], indices: Nodes, axes: "_Axes") -> Nodes:
+        """Windows of a table at indices, which are moved to lie in it: (*batch, *axes that windows keep)."""
         graph, flat = self.graph, x.ravel().tolist()
         table, dtype, kind = graph.table(flat), graph.dtypes[flat[0]], graph.dtypes[int(indices.flat[0])]
-        first, last = (self.lifted(np.full((), k, kind)) for k in (0, len(flat) - 1))
-        inside = self.each("min", kind, self.each("max", kind, indices, first), last)
+        if len(axes.of_indices) > 1 and kind.itemsize < 4:
+            indices, kind = self.each("convert", np.dtype(np.int32), indices), np.dtype(np.int32)
+        parts = list[Nodes]()
+        for k, axis in enumerate(axes.of_indices):
+            stride = math.prod(x.shape[axis + 1 :])
+            last, zero, step = (self.lifted(np.full((), c, kind)) for c in (x.shape[axis] - sizes[axis], 0, stride))
+            inside = self.each("min", kind, self.each("max", kind, indices[..., k], zero), last)
+            parts.append(self.each("mul", kind, inside, step) if stride > 1 else inside)
+        first = functools.reduce(lambda a, b: self.each("add", kind, a, b), parts)
+        kept = [n for k, n in enumerate(sizes) if k not in axes.dropped]
+        window = np.reshape(np.ravel_multi_index(tuple(np.indices(sizes)), x.shape), kept)
         found = [
-            flat[int(graph.constants[i])] if i in graph.constants else graph.lookup(table, i, dtype)
-            for i in inside.ravel().tolist()
+            flat[int(graph.constants[i]) + places] if i in graph.constants else graph.lookup(table, i, places, dtype)
+            for i in first.ravel().tolist()
+            for places in window.ravel().tolist()
         ]
-        return np.array(found, np.int64).reshape(indices.shape)
+        return np.array(found, np.int64).reshape((*first.shape, *window.shape))
 
     def _scatter_add(self, eqn, x: Nodes, indices: Nodes, new: Nodes) -> list[Nodes]:
         d, dtype = eqn.params["dimension_numbers"], np.dtype(eqn.outvars[0].aval.dtype)
@@ -1168,15 +1181,16 @@ def _evaluated(values: _Values, node: int):
         loop, which, row = graph.details[node]
         return _results_of_loop(values, graph.loops[loop])[name][which if name == "last" else (which, row)]
     if name == "lookup":
-        table = [_value(values, n) for n in graph.tables[graph.details[node]]]
-        return looked_up(table, values.known[graph.operands[node][0]])
+        table, places = graph.details[node]
+        rows = [_value(values, n) for n in graph.tables[table]]
+        return looked_up(rows, values.known[graph.operands[node][0]], places)
     return EVALUATE[name](graph.dtypes[node], *(values.known[x] for x in graph.operands[node]))
 
 
-def looked_up(table: Sequence[Any], index: Any) -> Any:
-    """What a table has at indices (B,), of numbers or arrays (B,)."""
+def looked_up(table: Sequence[Any], index: Any, places: int) -> Any:
+    """What a table has so many places behind indices (B,), of numbers or arrays (B,)."""
     rows = np.stack([np.broadcast_to(x, np.shape(index)) for x in table])
-    return np.take_along_axis(rows, np.asarray(index, np.int64)[None], 0)[0]
+    return np.take_along_axis(rows, np.asarray(index, np.int64)[None] + places, 0)[0]
 
 
 def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:

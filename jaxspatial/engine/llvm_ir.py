@@ -284,7 +284,7 @@ class _Frame:
 
 
 class Function:
-    """The text of one function. registers: of nodes that it has made or read.
+    """The text of one function. registers: of nodes that it has made or read. lanes: of indices, state by state.
 
     Pointers are texts with their types, like "ptr %frame".
     """
@@ -292,7 +292,7 @@ class Function:
     def __init__(self, name: str, parameters: Sequence[str]):
         self.name, self.parameters = name, parameters
         self.lines, self.entry = list[str](), list[str]()
-        self.registers = dict[int, str]()
+        self.registers, self.lanes = dict[int, str](), dict[int, list[str]]()
         self.pointers = dict[str, str]()
         self.count = 0
 
@@ -338,6 +338,12 @@ class Writer:
         self.slots: dict[int, int] = {}
         self.indices: dict[int, int] = {}
         self.tables: dict[tuple, tuple[int, int]] = {}  # places in the frame, and bytes from row to row
+        # By table, index and places behind it.
+        self.lookups = {
+            (graph.details[n][0], graph.operands[n][0], graph.details[n][1]): n
+            for n in self.order.live
+            if graph.operations[n] == "lookup"
+        }
         self.at = collections.defaultdict[int, list[tuple[int, int]]](list)
         for k, nodes in enumerate(graph.results):
             for j, node in enumerate(nodes.ravel().tolist()):
@@ -679,32 +685,63 @@ class Writer:
         return self.loaded(f, self.offset(f, self.offset(f, self.frame, place), scaled), dtype)
 
     def _looked_up(self, f: Function, node: int, index: str) -> str:
-        """What a table has at an index. It is read for one state after the other: a gather is slower on processors that
-        are protected against Gather Data Sampling."""
+        """What a table has behind an index. It is read for one state after the other: a gather is slower on processors
+        that are protected against Gather Data Sampling. Two numbers beside each other are read at once."""
         g, dtype = self.g, self.g.dtypes[node]
-        table, kind = g.tables[g.details[node]], g.dtypes[g.operands[node][0]]
-        t, cell, wide = self.scalar(dtype), self.scalar(dtype), np.dtype(np.int64)
+        (number, places), (of,) = g.details[node], g.operands[node]
+        table, t, shared = g.tables[number], self.scalar(dtype), True
         if table[0] in g.constants:
-            base = f"ptr {self._table_of([g.constants[n] for n in table], dtype)}"
+            base, size = f"ptr {self._table_of([g.constants[n] for n in table], dtype)}", dtype.itemsize
         else:
             k, first = g.details[table[0]]
-            base = self.offset(f, self.argument(f, k), first * self._stride(k, dtype))
-            cell = t if self.is_shared[k] else f"[{self.width} x {t}]"
-        value = "poison"
-        for lane in range(self.width):
-            one, place, at, read = index, f.new(), f.new(), f.new()
-            if self.width > 1:
-                one = f.new()
-                f.add(f"{one} = extractelement {self.type(kind)} {index}, i64 {lane}")
+            size, shared = self._stride(k, dtype), self.is_shared[k]
+            base = self.offset(f, self.argument(f, k), first * size)
+        base, lanes = self.offset(f, base, places * size), self._lanes(f, of, index)
+        cell = t if shared else f"[{self.width} x {t}]"
+        beside = self.lookups.get((number, of, places + 1), node) if shared and self.width > 1 else node
+        is_pair = beside != node and beside not in f.registers and g.regions[beside] == g.regions[node]
+        read_as, align = (f"<2 x {t}>", f", align {dtype.itemsize}") if is_pair else (t, "")
+        parts = list[str]()
+        for lane, place in enumerate(lanes):
+            at, one = f.new(), f.new()
+            f.add(f"{at} = getelementptr {cell}, {base}, i64 {place}{'' if shared else f', i64 {lane}'}")
+            f.add(f"{one} = load {read_as}, {base.rpartition(' ')[0]} {at}{align}")
+            parts.append(one)
+        if self.width == 1:
+            return parts[0]
+        if not is_pair:
+            value = "poison"
+            for lane, one in enumerate(parts):
+                value, before = f.new(), value
+                f.add(f"{value} = insertelement {self.type(dtype)} {before}, {t} {one}, i64 {lane}")
+            return value
+        n = 2
+        while len(parts) > 1:
+            both = zip(parts[::2], parts[1::2], strict=True)
+            parts, n = [self._shuffled(f, a, b, t, n, range(2 * n)) for a, b in both], 2 * n
+        f.registers[beside] = self._shuffled(f, parts[0], "poison", t, n, range(1, n, 2))
+        return self._shuffled(f, parts[0], "poison", t, n, range(0, n, 2))
+
+    def _lanes(self, f: Function, node: int, index: str) -> list[str]:
+        """An index state by state, as i64."""
+        if node not in f.lanes:
+            kind, wide, found = self.g.dtypes[node], np.dtype(np.int64), list[str]()
             convert = _conversion(kind, wide) if kind.itemsize < wide.itemsize else "bitcast"
-            f.add(f"{place} = {convert} {self.scalar(kind)} {one} to i64")
-            f.add(f"{at} = getelementptr {cell}, {base}, i64 {place}{'' if cell == t else f', i64 {lane}'}")
-            f.add(f"{read} = load {t}, {base.rpartition(' ')[0]} {at}")
-            if self.width == 1:
-                return read
-            value, before = f.new(), value
-            f.add(f"{value} = insertelement {self.type(dtype)} {before}, {t} {read}, i64 {lane}")
-        return value
+            for lane in range(self.width):
+                one, place = index, f.new()
+                if self.width > 1:
+                    one = f.new()
+                    f.add(f"{one} = extractelement {self.type(kind)} {index}, i64 {lane}")
+                f.add(f"{place} = {convert} {self.scalar(kind)} {one} to i64")
+                found.append(place)
+            f.lanes[node] = found
+        return f.lanes[node]
+
+    def _shuffled(self, f: Function, a: str, b: str, t: str, n: int, places: Iterable[int]) -> str:
+        """Numbers of two vectors of n, by their places."""
+        register, vector, mask = f.new(), f"<{n} x {t}>", [f"i32 {k}" for k in places]
+        f.add(f"{register} = shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{', '.join(mask)}>")
+        return register
 
     def _read_constant(self, f: Function, index: str, values: Sequence, dtype: np.dtype) -> str:
         inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
@@ -766,7 +803,8 @@ class Writer:
             else:
                 values = [registers[x] if x in registers else read(f, x) for x in operands[item]]
             if self.g.operations[item] == "lookup":
-                register = registers[item] = self._looked_up(f, item, *values)
+                register = registers.get(item) or self._looked_up(f, item, *values)
+                registers[item] = register
             else:
                 register = registers[item] = f"%n{item}"
                 lines.append(template_of(item).format(register, *values))
@@ -808,7 +846,7 @@ class Writer:
         head, body, end = (f"{name}{f.count}" for name in ("head", "turn", "end"))
         f.add(f"br label %{head}")
         f.lines.append(f"{head}:")
-        outside = dict(f.registers)
+        outside, lanes = dict(f.registers), dict(f.lanes)
         self._write_part(f, p, k, 0)
         active = ""
         if loop.length is None:
@@ -835,7 +873,7 @@ class Writer:
             f.add(f"store i64 {following}, {index}")
             f.add(f"br i1 {is_last}, label %{end}, label %{head}")
         f.lines.append(f"{end}:")
-        f.registers = outside
+        f.registers, f.lanes = outside, lanes
 
     def _write_part(self, f: Function, p: int, k: int, part: int) -> None:
         """What is in front of the condition of a loop, 0, or after it, 1."""

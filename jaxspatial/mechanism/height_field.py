@@ -195,7 +195,7 @@ def _first_that_is_not(x: np.ndarray) -> str:
 
 
 def corners(heights: Any, i: jax.Array, j: jax.Array) -> jax.Array:
-    """The heights (*batch, 4) at the corners (i, j), (i + 1, j), (i, j + 1), (i + 1, j + 1) of cells (*batch,)."""
+    """The heights (*batch, 4) at the corners (i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1) of cells (*batch,)."""
     many = heights.shape[:-2]
     if math.prod(many) != 1:
         # Of the axes of a batch of heights, those of one belong to all points.
@@ -203,10 +203,9 @@ def corners(heights: Any, i: jax.Array, j: jax.Array) -> jax.Array:
         own = heights if len(many) < i.ndim else heights[0] if is_one else heights
         return jax.vmap(corners, in_axes=(None if is_one else 0, 0, 0))(own, i, j)
     heights = jnp.asarray(heights).reshape(heights.shape[-2:])
-    n_y = heights.shape[1]
-    first = i * n_y + j
-    places = jnp.stack([first, first + n_y, first + 1, first + (n_y + 1)], -1)
-    return heights.reshape(-1).at[places].get(mode="promise_in_bounds")
+    windows = lax.GatherDimensionNumbers((i.ndim, i.ndim + 1), collapsed_slice_dims=(), start_index_map=(0, 1))
+    cells = lax.gather(heights, jnp.stack([i, j], -1), windows, (2, 2), mode="promise_in_bounds")
+    return cells.reshape((*i.shape, 4))
 
 
 @formula
@@ -226,7 +225,7 @@ def _of_cell(p: Vector, X: Pose, corners: Numbers, cell: Numbers, size: Numbers,
         shares.append(((clipped(x, half) + half) - k * edge) / edge)
         edges.append(edge)
         is_within.append((x <= half) & (x >= -half))
-    (t_x, t_y), (h_00, h_10, h_01, h_11) = shares, corners
+    (t_x, t_y), (h_00, h_01, h_10, h_11) = shares, corners
     rise_x = (1 - t_y) * (h_10 - h_00) + t_y * (h_11 - h_01)
     rise_y = (1 - t_x) * (h_01 - h_00) + t_x * (h_11 - h_10)
     height = (1 - t_x) * ((1 - t_y) * h_00 + t_y * h_01) + t_x * ((1 - t_y) * h_10 + t_y * h_11)

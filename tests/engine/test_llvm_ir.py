@@ -282,6 +282,23 @@ def test_what_branches_with_one_condition_pass_on_costs_where_it_is_taken():
     assert counted(is_read=False) == (3, 3) and counted(is_read=True) == (6, 6)
 
 
+def test_a_window_of_a_table_is_read_by_rows():
+    """Of a cell its four corners: an index is taken apart once, and moved into the table once; two reads of two."""
+    windows = lax.GatherDimensionNumbers((0, 1), (), (0, 1))
+
+    def f(table, place):
+        cell = place.astype(I32)
+        return lax.gather(table.reshape((4, 5)), cell, windows, (2, 2), mode="promise_in_bounds")
+
+    g = graph_of(f, np.zeros((1, 20), F32), np.zeros((16, 2), F32))
+    names = [g.operations[n] for n in llvm_ir._Order(g).live]
+    assert {x: names.count(x) for x in ("lookup", "min", "max", "mul", "add")} == {
+        "lookup": 4, "min": 2, "max": 2, "mul": 1, "add": 1,
+    }  # fmt: skip
+    text = llvm_ir.written(g, 16, [True, False]).text
+    assert text.count("extractelement") == 16 and text.count("load <2 x float>") == 32 and "insertelement" not in text
+
+
 def test_the_text_of_a_graph_is_the_same_each_time():
     f, arrays = graphs.random_function(3)
     first, second = (llvm_ir.written(graph_of(f, *arrays), 8, [False] * 3).text for _ in range(2))

@@ -297,9 +297,10 @@ def _evaluate_region(nodes, region, places, known):
                 known["loop", k] = _evaluate_loop(nodes, g.loops[k], places, known)
             known[node] = known["loop", k][name, which, row]
         elif name == "lookup":
+            number, behind = g.details[node]
             table = [places[g.details[n][0]][g.details[n][1]] if g.operations[n] == "load" else known[n]
-                     for n in g.tables[g.details[node]]]  # fmt: skip
-            known[node] = graph.looked_up(table, known[g.operands[node][0]])
+                     for n in g.tables[number]]  # fmt: skip
+            known[node] = graph.looked_up(table, known[g.operands[node][0]], behind)
         else:
             known[node] = graph.EVALUATE[name](g.dtypes[node], *[known[x] for x in g.operands[node]])
 
