@@ -4,7 +4,6 @@
 regularized friction; Drake, Multibody, compliant point contact]
 """
 
-import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -18,10 +17,10 @@ from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts, ShapeContacts
-from jaxspatial.mechanism.shapes import Shape
+from jaxspatial.mechanism.shapes import Shape, of_function
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm, unit
+from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm
 from jaxspatial.numerics.numbers import Number, Numbers, where
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
@@ -214,28 +213,10 @@ def normals_and_distances(
 
     ground: as `checked_ground` returns it. A shape may be a batch, of which each has n points.
     """
-    dtype = np.dtype(p.dtype)
     if isinstance(ground, Shape):
         check.common_batch_shape(q=p.shape[:-2], ground=ground.batch_shape)
         return ground.of_many_points().normals_and_distances(precision, p)
-
-    def distance(point: jax.Array) -> jax.Array:
-        x = jnp.asarray(ground(point))
-        if x.shape or x.dtype != dtype:
-            raise ValueError(
-                f"{operation}: ground: expected a number, {dtype}[], of a point {dtype}[3], got {check.in_short(x)}"
-            )
-        return x
-
-    values, gradients = jax.vmap(jax.value_and_grad(distance))(p.reshape((-1, 3)))
-    return tuple(_to_first_order(precision, gradients.reshape(p.shape), values.reshape(p.shape[:-1])[..., None]))
-
-
-@formula
-def _to_first_order(gradient: Vector, value: Numbers) -> list[Any]:
-    """The normal of a ground function, and the distance along it, f / |grad f|; NaN without a normal."""
-    length = norm(gradient)
-    return [unit(gradient), value[0] / where((length > 0) & (length < math.inf), length, math.nan)]
+    return of_function(f"{operation}: ground", ground, p, precision)
 
 
 @formula

@@ -194,6 +194,12 @@ class _Arguments(NamedTuple):
         of_contacts = [x.batch_shape for x in (self.contacts, ground, *(self.pairs or ())) if x is not None]
         return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
+    @property
+    def calls_functions(self) -> bool:
+        if not isinstance(self.ground, Shape) or self.ground.calls_functions:
+            return True
+        return any(isinstance(x, ShapeContacts) and x.shape.calls_functions for x in self.pairs or ())
+
     def moved(self, mechanism: Mechanism) -> list[int]:
         """The closures that something can move."""
         return [k for k, x in enumerate(self.closures) if not are_of_one_body(mechanism, x)]
@@ -295,7 +301,7 @@ def _step(
         return ConvexStep(after[0], after[1], None, wrenches, residual, iterations)
     if q.dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
-    if given.batch_shape or not isinstance(given.ground, Shape):
+    if given.batch_shape or given.calls_functions:
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
         return _solved_step(mechanism, (*state, h, forces), given, precision)
     return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)

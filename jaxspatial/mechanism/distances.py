@@ -149,7 +149,8 @@ def _of(a: Any, b: Any, what: str) -> tuple[Callable[..., Any], Callable[..., An
             points = functools.partial(_aligned, points)
     else:
         expected = "a Sphere, or a Capsule, a Box or a Cylinder and one of these or a HalfSpace, but no two Cylinders"
-        raise TypeError(f"{what}: expected {expected}, got {kinds}")
+        instead = "" if kinds != "Cylinder and Cylinder" else "; take a Capsule for one, or the distances of its points"
+        raise TypeError(f"{what}: expected {expected}, got {kinds}{instead}")
     return apart, (lambda precision: _reversed(points(precision))) if is_turned else points
 
 

@@ -25,9 +25,9 @@ class ShapeContacts:
 
     Args:
         frames: names of frames, n of them; static.
-        shape: where the shape is in each of the frames: a Box, a Sphere, a HalfSpace, a Union; or any other. The
-            `placement` is in the axes of the frame. Of a batch each frame has its own: the last axis of the batch is
-            over n, or 1.
+        shape: where the shape is in each of the frames: a Box, a Sphere, a HalfSpace, a Union; or any other, such as a
+            SignedDistance of one's own. The `placement` is in the axes of the frame. Of a batch each frame has its own:
+            the last axis of the batch is over n, or 1.
         stiffness: k, N/m, above zero: a number, (n,) or (*batch, n), as all that follow.
         relaxation_time: tau_d, s.
         friction: the coefficient of Coulomb friction.

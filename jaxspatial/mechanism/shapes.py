@@ -1,7 +1,8 @@
 """Shapes: signed distances of points and the normals of surfaces, for the ground and for what bodies touch."""
 
+import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self, cast
 
 import jax
 import jax.numpy as jnp
@@ -11,8 +12,9 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, dot, norm, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, times_power_of_two, where
-from jaxspatial.numerics.quantity import exported_tree_of, rebuilt, tree
+from jaxspatial.numerics.quantity import exported_tree_of, rebuilt, tree, tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
 # -- distances, over numbers ------------------------------------------------------------------------------------------
@@ -159,6 +161,11 @@ class Shape:
 
     if TYPE_CHECKING:
         placement: RigidTransform | None
+
+    @property
+    def calls_functions(self) -> bool:
+        """Whether it calls functions of the caller's, which may read arrays of the caller's."""
+        return False
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -565,11 +572,117 @@ class Union(Shape):
             normal, distance = jnp.where(is_nearer[..., None], n, normal), jnp.where(is_nearer, d, distance)
         return normal, distance
 
+    @property
+    def calls_functions(self) -> bool:
+        """Whether a part does."""
+        return any(x.calls_functions for x in self.shapes)
+
     def of_many_points(self) -> Self:
         return _changed(self, shapes=tuple(x.of_many_points() for x in self.shapes))
 
     def __repr__(self) -> str:
         return f"Union({list(self.shapes)})"
+
+
+@tree_of("function")
+class SignedDistance(Shape):
+    """A shape of one's own, by its signed distance: for what bodies touch, or for a part of a Union.
+
+        def torus(p):
+            x = jnp.hypot(jnp.hypot(p[0], p[1]) - 0.2, p[2])
+            return x - 0.05
+
+        ring = js.ShapeContacts(["ring"] * 4, js.SignedDistance(torus), **law)
+
+    The distance is f / |grad f| of the function f, and the normal is the direction of its gradient: exact for signed
+    distances, and else to first order. Where the gradient is zero or not finite, both are NaN. Numbers that the
+    function closes over may be traced, and differentiated.
+
+    Args:
+        function: from a point (3,) in the axes of the shape, about its origin, to a number (): zero on the surface,
+            above zero outside; static.
+        placement: RigidTransform X_WS of the origin in the world, or in the frame of whoever asks; None for the origin,
+            in JAX's default dtype, which `astype` changes.
+
+    Raises:
+        TypeError: function is none, or the placement is no RigidTransform.
+        ValueError: the function does not return a number in the dtype of its point.
+
+    Error: of the point 16 u (|p| + |p_WS|), with p_WS the translation of the placement; and that of the function.
+
+    Example:
+        >>> edge = js.SignedDistance(lambda p: jnp.maximum(p[2] - 1, p[0] - 2))
+        >>> print(edge(jnp.array([0.0, 0.0, 3.0])), edge.normal_at(jnp.array([3.0, 0.0, 0.0])))
+        2.0 [1. 0. 0.]
+    """
+
+    function: Callable[[jax.Array], Any]
+    placement: RigidTransform | None = None
+
+    _axes = {}
+
+    if TYPE_CHECKING:
+
+        def __init__(self, function: Callable[[jax.Array], Any], placement: RigidTransform | None = None): ...
+
+    def __post_init__(self) -> None:
+        if not callable(self.function):
+            check.refuse("SignedDistance: function", "a function from a point (3,) to a number", self.function)
+        if all(map(check.is_tree_mark, jax.tree.leaves(self.placement))) and self.placement is not None:
+            return
+        if self.placement is None:
+            dtype = check.as_dtype(None)
+            identity = RigidTransform(Rotation(np.eye(3, dtype=dtype).ravel()), np.zeros(3, dtype))
+            object.__setattr__(self, "placement", identity)
+        check.require_kind(self.placement, RigidTransform, "SignedDistance: placement")
+
+    @property
+    def dtype(self) -> np.dtype:
+        """The dtype of the numbers."""
+        return np.dtype(cast(RigidTransform, self.placement).dtype)
+
+    @property
+    def calls_functions(self) -> bool:
+        return True
+
+    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
+        at = _locals(precision, p, self.pose)
+        n, distance = of_function("SignedDistance: function", self.function, at, precision)
+        return _turned(precision, self.pose, n), distance
+
+    def __repr__(self) -> str:
+        return f"SignedDistance({self.function!r}, placement={self.placement!r})"
+
+
+def of_function(
+    what: str, function: Callable[[jax.Array], Any], p: jax.Array, precision: PrecisionName
+) -> tuple[jax.Array, jax.Array]:
+    """The normals (*batch, 3) and distances (*batch,) of points, of a function that is zero on a surface."""
+    dtype = np.dtype(p.dtype)
+
+    def distance(point: jax.Array) -> jax.Array:
+        x = jnp.asarray(function(point))
+        if x.shape or x.dtype != dtype:
+            raise ValueError(f"{what}: expected a number, {dtype}[], of a point {dtype}[3], got {check.in_short(x)}")
+        return x
+
+    values, gradients = jax.vmap(jax.value_and_grad(distance))(p.reshape((-1, 3)))
+    return tuple(_to_first_order(precision, gradients.reshape(p.shape), values.reshape(p.shape[:-1])[..., None]))
+
+
+@formula
+def _to_first_order(gradient: Vector, value: Numbers) -> list[Any]:
+    """The normal of a function, and the distance along it, f / |grad f|; NaN without a normal."""
+    length = norm(gradient)
+    return [unit(gradient), value[0] / where((length > 0) & (length < math.inf), length, math.nan)]
+
+
+_locals = formula(local)
+
+
+@formula
+def _turned(X: Pose, n: Vector) -> Vector:
+    return X.R @ n
 
 
 def above_plane(precision: PrecisionName, p, normal, offset) -> tuple[Any, Any]:

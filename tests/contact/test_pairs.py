@@ -4,6 +4,7 @@ import functools
 import itertools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -134,6 +135,98 @@ def _reported(scene, q, v):
     mech = scene.mechanism
     report = functools.partial(js.contact_report, mech, contacts=scene.contacts, pairs=scene.pairs)
     return interpreted(jax.vmap(report))(q, v)
+
+
+def hostile(n, dtype):
+    """Numbers of n scenes: of sizes from a micrometre to a kilometre, with masses six decades apart; spheres far inside
+    shapes, and with the same centre; at rest, fast, and far from the origin."""
+    rng = np.random.default_rng(11)
+    scale = np.where(np.arange(n) % 2, 10.0 ** rng.uniform(-6, 3, n), 10.0 ** rng.uniform(-2, 0, n))[:, None]
+    q = np.zeros((n, 14))
+    q[:, :4], q[:, 7:11] = rng.normal(size=(2, n, 4))
+    q[::3, :4] = q[::3, 7:11] = 1, 0, 0, 0
+    q[:, :4], q[:, 7:11] = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (q[:, :4], q[:, 7:11]))
+    q[:, 4:7] = scale * rng.normal(size=(n, 3)) * rng.choice([0, 1, 100.0], (n, 1))
+    q[:, 11:] = q[:, 4:7] + 0.4 * scale * rng.normal(size=(n, 3)) * rng.choice([0, 1e-6, 1.0, 1.0], (n, 1))
+    v = rng.normal(size=(n, 12)) * rng.choice([0, 1e-3, 1.0], (n, 1)) * np.where(np.arange(12) % 6 < 3, 1, scale)
+    masses = 10.0 ** rng.uniform(-3, 3, (n, 2))
+    sides = scale[:, None] * rng.uniform(0.2, 1, (n, 2, 3))
+    positions = 0.3 * scale[:, None, None] * rng.normal(size=(n, 2, 2, 3)) * (rng.random((n, 2, 2, 1)) < 0.7)
+    numbers = {
+        "q": q, "v": v, "dt": rng.choice([1e-4, 5e-3, 2e-2], n), "masses": masses, "sides": sides,
+        "size": scale * rng.uniform(0.2, 1, (n, 3)), "turned": rng.normal(size=(n, 3)) * (rng.random((n, 1)) < 0.7),
+        "positions": positions, "radius": scale[:, None] * rng.choice([0, 0.1, 0.5], (n, 2, 2)),
+        "stiffness": 10.0 ** rng.uniform(1, 6, (n, 2)), "friction": rng.choice([0, 0.3, 1, 3.0], (n, 2)),
+        "relaxation_time": 10.0 ** rng.uniform(-4, -1, (n, 2)) * (rng.random((n, 2)) < 0.8),
+    }  # fmt: skip
+    return {k: x.astype(dtype) for k, x in numbers.items()}
+
+
+HOSTILE = {
+    "box": lambda s, X: js.Box(s, X),
+    "sphere": lambda s, X: js.Sphere(s[0], X),
+    "capsule": lambda s, X: js.Capsule(s[0], s[1], X),
+    "cylinder": lambda s, X: js.Cylinder(s[0], s[1], X),
+    "half space": lambda s, X: js.HalfSpace(X.rotation.to_matrix()[2], 0 * s[0]),
+    "own": lambda s, X: js.SignedDistance(
+        lambda p: jnp.maximum(jnp.maximum(abs(p[0]), abs(p[1])), abs(p[2])) - s[0], X
+    ),
+    "points": None,
+}
+
+
+@pytest.mark.parametrize(
+    ("kind", "dtype"),
+    [
+        pytest.param(kind, dtype, marks=[] if (kind, dtype) == ("own", np.float32) else pytest.mark.slow)
+        for kind, dtype in itertools.product(HOSTILE, (np.float32, np.float64))
+    ],
+)
+def test_hostile_numbers_leave_all_finite(kind, dtype):
+    """Nothing is NaN; momentum is kept, forces push, within the cone of friction, along normals of unit length. In
+    float64 each step is at its optimum: the momenta of a body change by the forces."""
+    n, make = 200 if kind != "own" else 60, HOSTILE[kind]
+    numbers = hostile(n, dtype)
+    zero = np.zeros(12, dtype)
+
+    def step(x):
+        mech = MECH.astype(dtype).replace(gravity=zero[:3])
+        M = jax.vmap(lambda size, mass: js.SpatialInertia.solid_box(size, mass=mass))(x["sides"], x["masses"])
+        X = js.RigidTransform(js.Rotation.exp(x["turned"]), 0.1 * x["size"])
+        law = [{k: x[k][i] for k in ("stiffness", "relaxation_time", "friction")} for i in range(2)]
+        a, b = (
+            js.PointContacts([k] * 2, x["positions"][i], x["radius"][i], **law[i])
+            for i, k in enumerate(("lower", "upper"))
+        )
+        pairs = (a if make is None else js.ShapeContacts(["lower"] * 2, make(x["size"], X), **law[0])), b
+        mech = mech.replace(inertias=M)
+        after = js.convex_step(mech, x["q"], x["v"], zero, x["dt"], pairs=pairs)
+        speeds = [
+            jnp.stack([js.Rotation.from_quaternion(q[7 * k : 7 * k + 4]) @ v[6 * k + 3 : 6 * k + 6] for k in range(2)])
+            for q, v in ((x["q"], x["v"]), after[:2])
+        ]
+        return after, js.contact_report(mech, x["q"], x["v"], pairs=pairs), *speeds
+
+    with jax.enable_x64(True):
+        after, report, before, then = interpreted(jax.vmap(step))(numbers)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves((after, report)))
+    u = np.finfo(dtype).eps / 2
+    m, f = numbers["masses"].astype(float)[..., None], after.contact_forces.f.astype(float)
+    impulse = numbers["dt"].astype(float)[:, None, None] * f
+    change, size = (
+        m * (then.astype(float) - before),
+        (m * (abs(then) + abs(before))).sum((1, 2)) + abs(impulse).sum((1, 2)),
+    )
+    size = np.maximum(size, np.finfo(dtype).tiny)[:, None]
+    assert (abs(change.sum(1)) < 256 * u * size).all()
+    along = (f * report.normals).sum(-1)
+    mu = mean_friction(Numbers.of()._replace(friction=numbers["friction"].astype(float).T + 1e-300))
+    across, largest = np.linalg.norm(f - along[..., None] * report.normals, axis=-1), abs(f).max((1, 2), initial=1e-300)
+    assert (along >= 0).all() and (across - mu[:, None] * along < 4096 * u * largest[:, None]).all()
+    assert abs(np.linalg.norm(report.normals, axis=-1) - 1).max() < 8 * u
+    assert (abs(f).max(-1) > 0).sum() > n / 4
+    if dtype == np.float64:
+        assert (abs(change[:, 1] - impulse.sum(1)) < 1e-7 * size).all() and after.residual.max() < 1e-6
 
 
 # -- what one works out -----------------------------------------------------------------------------------------------
@@ -353,6 +446,48 @@ def test_a_ball_on_a_body_is_the_sphere_that_it_is():
         np.testing.assert_allclose(x, y, rtol=0, atol=1e-8 * max(1, abs(y).max()))
 
 
+def test_a_distance_of_ones_own_is_the_shape_that_it_is():
+    """A function in the frame of a body, alone and in a union, placed in that frame, and derivatives by what it closes
+    over; as the ground, too."""
+    X, v = scenes._placed([0.3, 0.2, 0.1], [0.02, 0.01, 0.03]), 0.3 * np.random.default_rng(0).normal(size=12)
+
+    def own(radius):
+        return js.SignedDistance(lambda p: jnp.sqrt((p**2).sum()) - radius, X)
+
+    def ours(radius):
+        return js.Sphere(radius, X)
+
+    def union(radius):
+        return js.Union([ours(0.5 * radius), own(radius)])
+
+    b = js.PointContacts(["upper"] * 2, np.array([[0.02, 0, 0], [0, 0.03, -0.01]]), 0.12, **LAW)
+
+    def pairs(radius, shape):
+        return js.ShapeContacts(["lower"] * 2, shape(radius), **LAW), b
+
+    def step(v, shape):
+        after = js.convex_step(MECH, Q, v, np.zeros(12), 5e-3, pairs=pairs(0.15, shape))
+        return after.v, after.contact_forces.f
+
+    def reported(radius, shape):
+        return js.contact_report(MECH, Q, v, b, shape(radius), pairs=pairs(radius, shape))[:5]
+
+    with jax.enable_x64(True):
+        steps = [interpreted(functools.partial(step, shape=shape))(v) for shape in (ours, own)]
+        reports = [
+            interpreted(lambda r, f=f: jax.jvp(lambda r: reported(r, f), (r,), (1.0,)))(0.15)
+            for f in (ours, own, union)
+        ]
+        assert repr(own(1.0)).startswith("SignedDistance(<function") and own(1.0).dtype == np.float64
+        assert js.SignedDistance(lambda p: p[2]).astype(np.float32).dtype == np.float32
+        np.testing.assert_array_equal(jax.jit(lambda shape: shape(np.ones(3)))(js.SignedDistance(lambda p: p[2])), 1)
+    assert (np.linalg.norm(steps[0][1], axis=-1) > 1).all() and (reports[0][1][2] == 1).all()
+    for expected, *others in (steps, reports):
+        for found in others:
+            for x, y in zip(jax.tree.leaves(found), jax.tree.leaves(expected), strict=True):
+                np.testing.assert_allclose(x, y, rtol=0, atol=1e-9 * max(1, abs(y).max()))
+
+
 def test_frames_of_the_world_take_part():
     """A shape on the world as the ground that it is; spheres on the world in a shape that falls on them; and in one
     step with a pair of two bodies, whose order differs: the optimum, and forces on the bodies of b."""
@@ -526,6 +661,13 @@ def test_derivatives_are_differences():
     ("make", "error", "message"),
     [
         (lambda: js.ShapeContacts("a", js.Sphere(1.0), **LAW), TypeError, "ShapeContacts: frames: expected a sequence"),
+        (lambda: js.SignedDistance(3), TypeError, "SignedDistance: function: expected a function from a point"),
+        (lambda: js.SignedDistance(abs, np.eye(4)), TypeError, "SignedDistance: placement: expected a RigidTransform"),
+        (
+            lambda: js.SignedDistance(lambda p: p)(np.zeros(3)),
+            ValueError,
+            r"SignedDistance: function: expected a number, float64\[\], of a point float64\[3\], got",
+        ),
         (lambda: js.ShapeContacts(["a"], 3, **LAW), TypeError, "ShapeContacts: shape: expected a shape, such as"),
         (
             lambda: js.ShapeContacts(["a"] * 2, js.Sphere(np.ones(3)), **LAW),
