@@ -48,7 +48,9 @@ def test_the_table_tells_where_gradients_point():
         assert law == of
         told_and_computed = (list(map(int, re.findall(r"\d+", x))) for x in (shares, computed))
         np.testing.assert_allclose(*told_and_computed, rtol=0, atol=5)
-    of_one_throw = re.search(r"path in (\d+) % of the cases of the first row, and in (\d+) % of the last", SECTION)
+    of_one_throw = re.search(
+        r"path in (\d+) % of the cases of the first row, and in (\d+) % of those of the last", SECTION
+    )
     assert of_one_throw
     first_and_last = [100 * x.of_one[0, 1] for x in (found[0], found[-1])]
     np.testing.assert_allclose(list(map(int, of_one_throw.groups())), first_and_last, rtol=0, atol=5)
