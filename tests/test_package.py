@@ -87,7 +87,7 @@ def _name(text):
     return canonicalize_name(Requirement(text).name)
 
 
-@pytest.mark.parametrize("ending", [".whl", ".gz"])
+@pytest.mark.parametrize("ending", [".whl", pytest.param(".gz", marks=pytest.mark.slow)])
 def test_it_installs_and_runs(ending, built, tmp_path):
     install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target"]
     subprocess.run([*install, str(tmp_path / "site"), str(built[ending])], check=True)

@@ -20,6 +20,7 @@ def _x64():
 
 
 @pytest.mark.parametrize("law", [laws.Law(1e-2, 16), laws.Law(5e-3, 25, 0.3)], ids=["convex_step", "contact_forces"])
+@pytest.mark.slow
 def test_gradients_of_whole_runs_are_differences(law):
     """By all five numbers at once, from a half to twice the true ones, of boxes that fall, slide and turn over."""
     n, apart, (q, v) = len(laws.NUMBERS), 1e-7, laws.throws(12, highest=0.05)

@@ -33,6 +33,7 @@ def _assert_told(names):
     assert abs(names["lag"]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_what_the_page_tells(names):
     _assert_told(names)
 

@@ -60,6 +60,7 @@ ARM = f"""<robot name="arm"><link name="base"/>{LINK.format("upper")}{LINK.forma
 <joint name="b" type="continuous"><parent link="upper"/><child link="lower"/><axis xyz="0 1 0"/></joint></robot>"""
 
 
+@pytest.mark.slow
 def test_two_processes(tmp_path):
     """What they write, one behind the other, has the bits of what one process writes."""
     (tmp_path / "torques.py").write_text(SCRIPT)

@@ -173,10 +173,10 @@ class _ThreadWriter(llvm_ir.Writer):
 
     def piece(self, p: int) -> llvm_ir.Function:
         f = super().piece(p)
-        f.entry += self._lanes()
+        f.entry += self._threads()
         return f
 
-    def _lanes(self) -> list[str]:
+    def _threads(self) -> list[str]:
         """Which thread of the warp this is, and which row it computes: those without a state repeat the last one."""
         lane = self.call("llvm.nvvm.read.ptx.sreg.tid.x", "i32")
         n = self.n_rows - 1
@@ -197,7 +197,7 @@ class _ThreadWriter(llvm_ir.Writer):
         n, n_rows = len(self.arguments), self.n_rows
         names = [f"%g{i}" for i in range(n + len(self.results))]
         f = llvm_ir.Function("kernel", [f"ptr addrspace(1) noalias {name}" for name in names])
-        f.entry += self._lanes()
+        f.entry += self._threads()
         f.add(f"%block = {self.call('llvm.nvvm.read.ptx.sreg.ctaid.x', 'i32')}")
         f.add(f"%threads = {self.call('llvm.nvvm.read.ptx.sreg.ntid.x', 'i32')}")
         f.add("%warps = lshr i32 %threads, 5")

@@ -12,6 +12,7 @@ from tests.helpers.marks import slow
 HERE = pathlib.Path(__file__).parent
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not shutil.which("gcc"), reason="needs gcc")
 def test_wrench_kernels():
     command = [sys.executable, HERE / "wrench_kernels.py", "--n", "64", "--rounds", "2"]

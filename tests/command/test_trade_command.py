@@ -48,6 +48,7 @@ def test_the_scene_is_a_rigid_body(wrenches):
     assert (np.linalg.norm(relative, axis=-1) <= 3 * 0.5 * np.sqrt(3)).all()
 
 
+@pytest.mark.slow
 def test_built_in_scene(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main([*SMALL, "--dtype", "bfloat16", "--full"]) == 0
@@ -79,6 +80,7 @@ def test_json(tmp_path, capsys, monkeypatch):
     assert max(point["worst_ulps"] for point in curves["shift_force", "float32", "faithful"]) <= 1
 
 
+@pytest.mark.slow
 def test_json_with_progress_and_picture(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     asked = ["--operation", "dot", "--dtype", "float32", "--dtype", "float16", "--json", "--picture", "mine.png"]
@@ -130,9 +132,7 @@ def test_what_is_missing_is_said(name, arguments, capsys, monkeypatch):
     assert "from a clone, pip install '.[plot]'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("scale", "dtypes"), [(1e-25, ["float32"]), *(slow(x, ["float32", "float16"]) for x in (1e-25, 1e-17, 1e15))]
-)
+@pytest.mark.parametrize(("scale", "dtypes"), [slow(x, ["float32", "float16"]) for x in (1e-25, 1e-17, 1e15)])
 def test_small_and_large_wrenches_keep_the_promises(scale, dtypes, tmp_path, wrenches):
     path = tmp_path / "mine.npz"
     np.savez(path, **wrenches._replace(tau=wrenches.tau * scale, f=wrenches.f * scale)._asdict())

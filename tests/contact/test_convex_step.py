@@ -1266,9 +1266,8 @@ def test_gradients_of_hostile_numbers_are_finite(kind, n):
     assert np.all(is_finite), [np.flatnonzero(~x) for x in is_finite]
 
 
-# A weld and a universal joint that cannot close; a ball joint near the origin of the world, between long arms; a weld
-# across a hinge.
-TOLD = [(0, "float64"), (4, "float32"), ("leg", "float32")]
+# A weld and a universal joint that cannot close; a weld across a hinge.
+TOLD = [(0, "float64"), ("leg", "float32")]
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,7 @@ jax.jit(jax.vmap(lambda q: jax.grad(lambda q: js.gravity_forces(mech, q).sum())(
 """
 
 
+@pytest.mark.slow
 def test_the_persistent_cache_hits_in_a_new_process(tmp_path):
     """Nothing of a program depends on the process that made it."""
     found = []

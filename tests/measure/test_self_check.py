@@ -82,6 +82,7 @@ def test_without_fma_all_holds():
     assert run.stdout.endswith("All promises hold here.\n") and "products fused with additions: no" in run.stdout
 
 
+@pytest.mark.slow
 def test_scaling_that_the_compiler_takes_back_on_single_items_is_seen(monkeypatch):
     """Where nothing hides the factors, jaxlib 0.10.2 (0.12 does not) makes `(a b) (c c)` of `(a c) (b c)` on scalars:
     what overflows does so again."""
