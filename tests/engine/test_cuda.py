@@ -139,6 +139,13 @@ def test_random_functions_have_the_bits_of_the_graph(seed, monkeypatch):
     assert_same_bits(by_warps(code_of(kept, arrays, n), arrays, n), with_numpy(g, arrays))
 
 
+@pytest.mark.parametrize("name", slow_but(["lookups", "while", "skipped alike"], list(graphs.loops())))
+def test_loops_have_the_bits_of_the_graph(name):
+    f, arrays = graphs.loops()[name], graphs.of_loops(F32)
+    g = graph.graph_of(*_traced(f, arrays), most_unrolled=0)
+    assert_same_bits(by_warps(code_of(g, arrays, len(arrays[0])), arrays, len(arrays[0])), with_numpy(g, arrays))
+
+
 def _traced(f, arrays):
     state = [jax.ShapeDtypeStruct(x.shape[1:], x.dtype) for x in arrays]
     return (jax.make_jaxpr(lambda *x: jax.tree.leaves(f(*x)))(*state),)
