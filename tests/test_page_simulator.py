@@ -35,6 +35,8 @@ def test_fifteen_lines_and_the_step():
     printed, names = begun("04_a_simulator", "## Many environments", environments=2)
     height, *down = map(float, re.findall(r"\d+\.\d*", printed.split("height of the trunk")[1].splitlines()[0]))
     assert 0.25 < height < 0.35 and len(down) == 4 and min(down) > 0.5
+    assert (0.05 < names["air_time"]).all() and (names["air_time"] < 0.3).all()  # it falls for 0.1 m
+    assert (0 < names["slip"]).all() and (names["slip"] < 0.1).all()
     _explicit_damping_is_as_told(names["dog"], names["stand"])
     env = names["Environment"](jnp.ones(13, np.float32), jnp.full(4, 0.5, np.float32))
     state = names["State"](jnp.zeros(19, np.float32), jnp.zeros(18, np.float32))
