@@ -27,7 +27,6 @@ from jaxspatial.mechanism.shapes import directions
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import Motion, Wrench
 from jaxspatial.numerics.numbers import Mask, Number, high, where
-from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
@@ -151,7 +150,7 @@ class Placed(NamedTuple):
 
 
 # As all numbers of closures, in every precision.
-_direction = functools.partial(directions, Precision.REPRODUCIBLE)
+_direction = functools.partial(directions, "reproducible")
 times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 
 
