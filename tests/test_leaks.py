@@ -50,7 +50,7 @@ def test_no_tracer_is_leaked_by_a_call(name):
         CASES[name](jnp.asarray(X))
 
 
-@pytest.mark.parametrize("name", slow_but((), ALGORITHMS))
+@pytest.mark.parametrize("name", slow_but(["convex_step"], ALGORITHMS))
 def test_no_algorithm_leaks_a_tracer(name):
     """Nor its pull-back, nor a batch of it."""
 
