@@ -41,13 +41,18 @@ def without(X, kept):
     return type(X)(**{name: part}), type(X)(*parts)
 
 
-def assert_same(found, expected):
-    """Number for number; -0 is 0. Without data, a part has no batch, and stands for zeros of any."""
+def assert_same(found, expected, within=0):
+    """Number for number, or within so many eps of the largest. -0 is 0; a part without data stands for zeros of any
+    batch."""
     parts = [jax.tree.leaves(result, is_leaf=lambda x: isinstance(x, js.Components)) for result in (found, expected)]
     for x, y in zip(*parts, strict=True):
         y = np.asarray(y)
         x = np.broadcast_to(x, y.shape) if repr(x) == ZERO else x
-        np.testing.assert_array_equal(x, y, strict=True)
+        if within:
+            x, y, eps = np.asarray(x, np.float64), y.astype(np.float64), float(jnp.finfo(y.dtype).eps)
+            assert abs(x - y).max() <= within * eps * abs(y).max()
+        else:
+            np.testing.assert_array_equal(x, y, strict=True)
 
 
 @kept
@@ -110,8 +115,10 @@ def test_every_dtype(dtype, x64, precision, kept):
     with jax.enable_x64(x64):
         F, V = (without(kind(*numbers((2, 5, 3), dtype)), kept) for kind in (js.SpatialForce, js.SpatialVelocity))
         p = numbers((3,), dtype, 1)
-        assert_same(jax.vmap(shift, (0, None))(F[0], p), jax.vmap(shift, (0, None))(F[1], p))
-        assert_same(jax.vmap(dot)(F[0], V[0]), jax.vmap(dot)(F[1], V[1]))
+        # A compiler makes other fused operations of a formula with zeros in it than of one without.
+        within = 4 if precision == "fast" else 0
+        assert_same(jax.vmap(shift, (0, None))(F[0], p), jax.vmap(shift, (0, None))(F[1], p), within)
+        assert_same(jax.vmap(dot)(F[0], V[0]), jax.vmap(dot)(F[1], V[1]), within)
         assert_same(F[0].astype(np.float16), F[1].astype(np.float16))
 
 
