@@ -72,9 +72,9 @@ from jaxspatial.mechanism import ClosestPoints as ClosestPoints
 from jaxspatial.mechanism import Cylinder as Cylinder
 from jaxspatial.mechanism import HalfSpace as HalfSpace
 from jaxspatial.mechanism import HeightField as HeightField
+from jaxspatial.mechanism import SignedDistance as SignedDistance
 from jaxspatial.mechanism import Sphere as Sphere
 from jaxspatial.mechanism import Stairs as Stairs
-from jaxspatial.mechanism import SignedDistance as SignedDistance
 from jaxspatial.mechanism import Union as Union
 from jaxspatial.mechanism import closest_points as closest_points
 from jaxspatial.mechanism import distance as distance

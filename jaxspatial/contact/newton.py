@@ -1,4 +1,4 @@
-"""Newton's method for the convex constants of a step, whatever its terms are.
+"""Newton's method for the convex problem of a step, whatever its terms are.
 
 With y = v - v0 the change of the velocities, y* = v* - v0 that without contact, and y = (1 - r) y* + x, the gradient is
 
@@ -9,7 +9,7 @@ a along it is r -> (1 - a) r, x -> x + a e. A x is summed from the momenta of bo
 the pass that finds e: rounding errors of one direction are corrected by the next. A line search sees nothing but the
 velocities of terms. [Castro, Permenter, Han 2022, 4]
 
-The first direction is that of a linear constants: contacts that push at v0, or without contact, stick, even against a
+The first direction is that of a linear problem: contacts that push at v0, or without contact, stick, even against a
 pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
 search from v0 would stop at the kink of each foot.
 """
@@ -396,7 +396,7 @@ def _slopes_and_size(
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
     is_near = (high(decrement) < high(NEAR**2 * smallest)) | (high(decrement) < high(NOISY**2 * at.noise))
     is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.decrement)) & (high(at.decrement) > 0))
-    # The first decrement is of another constants.
+    # The first decrement is of another problem.
     return Slopes(slope, curvature, decrement, rounding), free_e, is_small & ~is_first
 
 

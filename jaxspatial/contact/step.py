@@ -351,10 +351,6 @@ def _with_dtype(tree: T, old: np.dtype, new: np.dtype) -> T:
     return jax.tree.map(lambda x: x.astype(new) if getattr(x, "dtype", None) == old else x, tree)
 
 
-# Stands for an array.
-_DATA = object()
-
-
 class _Problem(NamedTuple):
     """What the programs of `newton` take."""
 
@@ -368,12 +364,12 @@ class _Problem(NamedTuple):
     def solved(self, precision: Precision) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
 
-        # JAX keeps the rule below as long as the caller's trace: with the numbers of this one they would leak.
-        known = self._with_data(lambda _: _DATA)
+        # JAX keeps the rule below with the caller's trace, so it holds no array: those of this trace would leak.
+        known = self._with_data(lambda _: object())
 
         def at(data: Sequence[Any]) -> "_Problem":
             rest = iter(data)
-            return known._with_data(lambda _: next(rest), lambda x: x is _DATA)
+            return known._with_data(lambda _: next(rest))
 
         # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
         @jax.custom_jvp
@@ -393,17 +389,15 @@ class _Problem(NamedTuple):
         residual = newton.residual(precision, *fixed._moving(lax.stop_gradient(y)))
         return y, residual[..., 0], iterations[..., 0]
 
-    def _with_data(self, function: Callable[[Any], Any], is_data: Callable[[Any], bool] | None = None) -> "_Problem":
-        """With function(x) in place of each array x that is not known, or of what is_data says.
+    def _with_data(self, function: Callable[[Any], Any]) -> "_Problem":
+        """With function(x) in place of each array x that is not known.
 
         A field that is known stays the object it is: with a mechanism live the programs that were made for it.
         """
 
-        is_data = is_data or _is_data
-
         def replaced(tree: Any) -> Any:
-            data = list(filter(is_data, jax.tree.leaves(tree)))
-            return jax.tree.map(lambda x: function(x) if is_data(x) else x, tree) if data else tree
+            data = list(filter(_is_data, jax.tree.leaves(tree)))
+            return jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree) if data else tree
 
         return _Problem(*map(replaced, self))
 

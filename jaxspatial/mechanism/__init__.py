@@ -21,8 +21,8 @@ from jaxspatial.mechanism.shapes import Box as Box
 from jaxspatial.mechanism.shapes import Capsule as Capsule
 from jaxspatial.mechanism.shapes import Cylinder as Cylinder
 from jaxspatial.mechanism.shapes import HalfSpace as HalfSpace
+from jaxspatial.mechanism.shapes import SignedDistance as SignedDistance
 from jaxspatial.mechanism.shapes import Sphere as Sphere
 from jaxspatial.mechanism.shapes import Stairs as Stairs
-from jaxspatial.mechanism.shapes import SignedDistance as SignedDistance
 from jaxspatial.mechanism.shapes import Union as Union
 from jaxspatial.mechanism.tendons import Tendon as Tendon

@@ -7,9 +7,9 @@ body without mass, "<body>/<joint>". Fixed tendons with springs, damping or limi
 mechanism, and bodies with `gravcomp` have lifts. Springs, damping and friction of joints are numbers of the mechanism,
 see `passive_forces`.
 
-Equality constraints are taken for rigid. Those of joints and of fixed tendons may be of at most first degree. Where two
-joints are in one, it makes the first a mimic of the second; where it is one joint, or three and more, it becomes a
-`Tendon` whose limits are equal, and the warning names it: see there what holds it. `connect` and `weld` become the
+Equality constraints are taken for rigid. Those of joints and of fixed tendons may be of at most first degree. An
+equality of two joints makes the first a mimic of the second. An equality of one joint, or of three and more, becomes a
+`Tendon` with two equal limits, which says what holds it; the warning names it. `connect` and `weld` become the
 `loops` of the mechanism, of kinds "ball" and "weld"; between bodies they hold frames "<constraint>/a" on the first body
 and "<constraint>/b" on the second.
 

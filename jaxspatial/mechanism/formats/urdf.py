@@ -446,8 +446,10 @@ def _check_mimics(file: _File, joints: list[Element]):
 
 
 def _has_limits_within(leader: Element, joint: Element) -> bool:
-    """Whether a joint is within its limits of place and speed wherever the one that it mimics is within its own: then
-    they say nothing more. Its motor is that of the other, so an effort of its own says nothing either."""
+    """Whether the limits of a mimic, in place and speed, say no more than those of the joint that it follows.
+
+    Its motor is that of the other joint, so an effort of its own says nothing.
+    """
     multiplier, offset = _number(joint, "mimic", "multiplier", 1.0), _number(joint, "mimic", "offset", 0.0)
     (low, high), ends = (
         (_number(x, "limit", "lower", -np.inf), _number(x, "limit", "upper", np.inf)) for x in (joint, leader)
