@@ -285,7 +285,7 @@ def _variational(
     before = integrate(mechanism, q, v, -dt, precision=precision)
     at_rest = np.zeros(mechanism.nv, q.dtype)
     static = bias_forces(mechanism, q, at_rest, external_forces, precision=precision)  # g(q) - J^T F
-    momentum = derivatives(before, q, v, dt)[1] + h * (tau - static)
+    momentum = euler(precision, derivatives(before, q, v, dt)[1], h, tau - static)
     M = mass_matrix(mechanism, q, precision=precision)
     if damping is not None:
         on_diagonal = jnp.broadcast_to(jnp.eye(mechanism.nv, dtype=bool), M.shape)
@@ -294,7 +294,7 @@ def _variational(
 
     def nearer(_: jax.Array, v: jax.Array) -> jax.Array:
         left = momentum + derivatives(q, integrate(mechanism, q, v, dt, precision=precision), v, dt)[0]
-        return v + factor.solve(left if damping is None else left - damping * v)
+        return v + factor.solve(left if damping is None else _damped(precision, left, damping, v))
 
     v = jax.lax.fori_loop(0, iterations, nearer, v)
     return integrate(mechanism, q, v, dt, precision=precision), v
@@ -314,7 +314,7 @@ def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Calla
         of_motions = pullback(functools.partial(difference, mechanism, precision=precision), q, next_q)
         by_q, by_next_q = of_motions(momentum)
         by_velocity = list[jax.Array]()
-        for x, by_x in ((q, dt[..., None] * of_q + by_q), (next_q, by_next_q)):
+        for x, by_x in ((q, euler(precision, by_q, dt[..., None], of_q)), (next_q, by_next_q)):
             rates = functools.partial(configuration_rates, mechanism, x, precision=precision)
             by_velocity += pullback(rates, jnp.zeros((*x.shape[:-1], mechanism.nv), x.dtype))(by_x)
         return by_velocity

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.engine import cpu, cuda, graph
+from jaxspatial.engine import cpu, cuda, graph, xla
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import (
     compiled,
@@ -28,13 +28,11 @@ from jaxspatial.numerics.errorfree.primitives import (
     is_zero,
     lower_fun,
     n_devices,
-    not_inlined,
     unsharded,
     varying_alike,
 )
 from jaxspatial.numerics.jax_internals import (
     ClosedJaxpr,
-    Literal,
     Primitive,
     ad,
     batching,
@@ -47,8 +45,6 @@ from jaxspatial.numerics.sums.primitive import trace_of_sums
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
 Result = tuple[tuple[int, ...], Any]  # shape and dtype
-# XLA compiles a long trace for CPUs in parts of this many operations.
-PART = 400
 # Numbers of a table that each state has of its own. Of more, machine code would copy all to read a few.
 OWN_TABLE = 256
 
@@ -143,12 +139,12 @@ class Traced:
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         with jax.enable_x64(True):
-            return jaxpr_as_fun(self.closed)(*arrays)
+            return jaxpr_as_fun(xla.with_own_factors(self.closed))(*arrays)
 
     def in_parts(self, *arrays: jax.Array) -> list[jax.Array]:
-        """The same, as XLA compiles it soonest for CPUs: see `_in_parts`."""
+        """The same, as XLA compiles it soonest for CPUs: see `xla.in_parts`."""
         with jax.enable_x64(True):
-            return _in_parts(self.closed, arrays)
+            return xla.in_parts(xla.with_own_factors(self.closed), arrays)
 
     def selected(self, wanted: Sequence[bool]) -> "Traced":
         """The trace of these results alone."""
@@ -157,45 +153,6 @@ class Traced:
         selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
         selection.out_avals = list(itertools.compress(self.out_avals, wanted))
         return selection
-
-
-def _in_parts(closed: ClosedJaxpr, arrays: Sequence) -> list:
-    """The results of a trace, PART operations at a time, as calls that the compiler does not inline.
-
-    XLA makes a kernel of every result for CPUs, and each computes again what results share: in one long function that
-    is nearly all there is before them, and compiles for minutes.
-    """
-    jaxpr, values = closed.jaxpr, {}
-    values.update(zip(jaxpr.constvars, closed.consts, strict=True))
-    values.update(zip(jaxpr.invars, arrays, strict=True))
-    parts = [jaxpr.eqns[k : k + PART] for k in range(0, len(jaxpr.eqns), PART)]
-    # From the end: what is read behind each part.
-    read, behind = set(jaxpr.outvars), list[set]()
-    for part in reversed(parts):
-        behind.insert(0, set(read))
-        read |= {x for eqn in part for x in eqn.invars if not isinstance(x, Literal)}
-    for part, wanted in zip(parts, behind, strict=True):
-        made = {v for eqn in part for v in eqn.outvars}
-        inputs = dict.fromkeys(x for eqn in part for x in eqn.invars if not isinstance(x, Literal) and x not in made)
-        outputs = [v for eqn in part for v in eqn.outvars if v in wanted]
-        unnamed = jaxpr.debug_info.with_unknown_names()
-        own = jaxpr.replace(eqns=part, invars=[*inputs], outvars=outputs, constvars=[], debug_info=unnamed)
-        run = jaxpr_as_fun(ClosedJaxpr(own.replace(eqns=[_with_parts(eqn) for eqn in part]), []))
-        read_here = [values[x] for x in inputs]
-        found = not_inlined(run, *read_here) if len(parts) > 1 else run(*read_here)
-        values.update(zip(outputs, found, strict=True))
-    return [x.val if isinstance(x, Literal) else values[x] for x in jaxpr.outvars]
-
-
-def _with_parts(eqn):
-    """A loop whose body is in parts, if it is long; other operations as they are."""
-    bodies = {k: x for k, x in eqn.params.items() if isinstance(x, ClosedJaxpr) and len(x.jaxpr.eqns) > PART}
-    if eqn.primitive.name not in ("scan", "while") or not bodies:
-        return eqn
-    parted = {
-        k: jax.make_jaxpr(lambda *arrays, body=x: _in_parts(body, arrays))(*x.in_avals) for k, x in bodies.items()
-    }
-    return eqn.replace(params={**eqn.params, **parted})
 
 
 @contextlib.contextmanager
@@ -302,7 +259,7 @@ def run(
 ) -> list[jax.Array]:
     """Runs a program on arrays with n_batch axes in front, flattened to one axis of states.
 
-    native: None for XLA's way. in_parts: whether XLA compiles it for CPUs, see `_in_parts`.
+    native: None for XLA's way. in_parts: whether XLA compiles it for CPUs, see `xla.in_parts`.
     """
     batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
     if check.is_sized(batch) and math.prod(batch) == 0:

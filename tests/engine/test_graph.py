@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from jax import lax
 
-from jaxspatial.engine import cpu, graph, llvm_ir, program
+from jaxspatial.engine import cpu, graph, llvm_ir, program, xla
 from jaxspatial.numerics.errorfree import barrier, transforms
+from jaxspatial.numerics.jax_internals import jaxpr_as_fun
 from tests.helpers import graphs
 from tests.helpers.graphs import assert_same_bits, graph_of, with_numpy, with_xla
 
@@ -348,6 +349,18 @@ def test_a_program_without_a_graph_takes_the_way_of_xla(f, is_native):
 # -- factors of matrices -----------------------------------------------------------------------------------------------
 
 
+def assert_xla_has_the_bits(f, found, *arrays):
+    """Of factors that a graph found, where XLA compiles the trace as it is: in a loop, too."""
+
+    def in_a_loop(*arrays):
+        return lax.fori_loop(0, 1, lambda _, x: x + f(*arrays), jnp.zeros(found.shape))
+
+    for g in (f, in_a_loop):
+        lowered = jax.jit(jaxpr_as_fun(xla.with_own_factors(jax.make_jaxpr(g)(*arrays)))).lower(*arrays)
+        assert "lapack" in jax.jit(g).lower(*arrays).as_text() and "lapack" not in lowered.as_text()
+        np.testing.assert_array_equal(lowered.compile()(*arrays)[0], found)
+
+
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_factors_are_those_of_numpy(n):
     rng = np.random.default_rng(n)
@@ -355,6 +368,7 @@ def test_factors_are_those_of_numpy(n):
     A = A @ A.swapaxes(-1, -2) + np.eye(n)
     (L,) = with_numpy(graph_of(jnp.linalg.cholesky, A), [A])
     np.testing.assert_allclose(L.reshape(A.shape), np.linalg.cholesky(A), rtol=1e-12, atol=1e-12)
+    assert_xla_has_the_bits(jnp.linalg.cholesky, L.reshape(A.shape), A)
 
 
 @pytest.mark.parametrize("is_lower", [True, False])
@@ -366,7 +380,9 @@ def test_triangular_systems_are_solved(is_lower, is_transposed, is_left, is_unit
     a, b = rng.standard_normal((7, 3, 3)) + 4 * np.eye(3), rng.standard_normal((7, 3, 2))
     b = b if is_left else b.swapaxes(-1, -2)
     options = dict(left_side=is_left, lower=is_lower, transpose_a=is_transposed, unit_diagonal=is_unit)
-    (x,) = with_numpy(graph_of(lambda a, b: lax.linalg.triangular_solve(a, b, **options), a, b), [a, b])
+    solve = functools.partial(lax.linalg.triangular_solve, **options)
+    (x,) = with_numpy(graph_of(solve, a, b), [a, b])
+    assert_xla_has_the_bits(solve, x.reshape(b.shape), a, b)
     x, whole = x.reshape(b.shape), np.tril(a) if is_lower else np.triu(a)
     whole = np.where(np.eye(3, dtype=bool), 1, whole) if is_unit else whole
     whole = whole.swapaxes(-1, -2) if is_transposed else whole
@@ -378,3 +394,4 @@ def test_a_matrix_that_is_not_positive_has_no_factor(pivot):
     A = np.diag([1, pivot, 1])[None]
     (L,) = with_numpy(graph_of(jnp.linalg.cholesky, A), [A])
     assert np.isnan(L.reshape((3, 3))[1, 1])
+    assert_xla_has_the_bits(jnp.linalg.cholesky, L.reshape(A.shape), A)
