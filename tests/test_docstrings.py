@@ -164,6 +164,23 @@ RUN = [pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in s
 @pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
 @pytest.mark.parametrize("name", RUN)
 def test_an_example_prints_what_it_says(name, names, monkeypatch, tmp_path):
+    said = _said(name, names, monkeypatch, tmp_path)
+    assert not said, "".join(said)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning")
+@pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
+@pytest.mark.parametrize("name", [param.values[0] for param in RUN])
+def test_an_example_runs_with_64_bit_types_on(name, monkeypatch, tmp_path):
+    """What it prints has more digits, or other ones at the end."""
+    with jax.enable_x64(True), names_of_the_page() as names:
+        said = "".join(_said(name, names, monkeypatch, tmp_path))
+    assert "Exception raised" not in said, said
+
+
+def _said(name, names, monkeypatch, tmp_path):
+    """What doctest says of an example that does not print what it says."""
     said, library = [], LIBRARIES.get(name.partition(".")[0])
     monkeypatch.chdir(tmp_path)
     if name.startswith("viewer."):
@@ -181,7 +198,7 @@ def test_an_example_prints_what_it_says(name, names, monkeypatch, tmp_path):
     with jax.numpy_dtype_promotion(strictness[0]), jax.numpy_rank_promotion(strictness[1]), compiled_soon():
         test = doctest.DocTest(_lines(EXAMPLES[name]), dict(names), name, None, None, None)
         doctest.DocTestRunner(verbose=False).run(test, out=said.append)
-    assert not said, "".join(said)
+    return said
 
 
 def _is_of_another(doc):

@@ -243,7 +243,7 @@ class ArticulatedInertia(Additive):
             "reproducible", u |r| + 8 u^2 mag in "compensated", 1 ulp of r in "faithful".
 
         Example:
-            >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 1, 1, 2, 2, 2])))
+            >>> P = js.ArticulatedInertia.from_matrix(jnp.diag(jnp.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])))
             >>> P.times(js.SpatialAcceleration(alpha=[0.0, 0.0, 3.0], a=[1.0, 0.0, 0.0]))
             SpatialForce(tau=[0.0, 0.0, 3.0], f=[2.0, 0.0, 0.0])
         """
@@ -302,7 +302,7 @@ class ArticulatedInertia(Additive):
             "reproducible", u |r| + 64 u^2 mag in the other two.
 
         Example:
-            >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 2, 3, 2, 2, 2])))
+            >>> P = js.ArticulatedInertia.from_matrix(jnp.diag(jnp.array([1.0, 2.0, 3.0, 2.0, 2.0, 2.0])))
             >>> print(P.rotate(js.Rotation.about_x(np.pi / 2)).to_matrix().diagonal())
             [1. 3. 2. 2. 2. 2.]
         """
@@ -385,7 +385,7 @@ def joint_projection(
     Source: Featherstone 2008, 7.2, equations 7.43 and 7.44; Jain 2010, 6.3.
 
     Example:
-        >>> P = js.ArticulatedInertia.from_matrix(np.diag(np.float32([1, 2, 3, 2, 2, 2])))
+        >>> P = js.ArticulatedInertia.from_matrix(jnp.diag(jnp.array([1.0, 2.0, 3.0, 2.0, 2.0, 2.0])))
         >>> hinge = js.SpatialVelocity(w=[0.0, 0.0, 1.0])
         >>> print(js.inertia.joint_projection(P, hinge).inertia.to_matrix().diagonal())
         [1. 2. 0. 2. 2. 2.]

@@ -168,7 +168,7 @@ def to_contact_force(F_P_W: SpatialForce, frame: ArrayLike, *, precision: Precis
     Error: as of `rotate`.
 
     Example:
-        >>> frame = np.float32([[0, 0, 1], [1, 0, 0], [0, 1, 0]])
+        >>> frame = jnp.array([[0.0, 0, 1], [1, 0, 0], [0, 1, 0]])
         >>> print(js.interop.mujoco.to_contact_force(js.SpatialForce(f=[0.0, 0.0, 5.0]), frame))
         [5. 0. 0. 0. 0. 0.]
     """
@@ -283,7 +283,7 @@ def from_free_joint(kind: type[K], x6: ArrayLike, R_WB: Rotation, *, precision: 
 
     Example:
         >>> turned = js.Rotation.from_matrix([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-        >>> js.interop.mujoco.from_free_joint(js.SpatialVelocity, np.float32([1, 2, 3, 4, 5, 6]), turned)
+        >>> js.interop.mujoco.from_free_joint(js.SpatialVelocity, jnp.arange(1.0, 7.0), turned)
         SpatialVelocity(w=[-5.0, 4.0, 6.0], v=[1.0, 2.0, 3.0])
     """
     x = orders.from_linear_first(kind, x6)
@@ -434,7 +434,7 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
         qpos: (*batch, model.nq).
 
     Example:
-        >>> print(js.interop.mujoco.from_qpos(arm, np.float32([0.5, -0.2])))
+        >>> print(js.interop.mujoco.from_qpos(arm, jnp.array([0.5, -0.2])))
         [ 0.5 -0.2]
     """
     joints, state = _arguments("mujoco.from_qpos", mechanism, qpos=qpos)
@@ -525,7 +525,7 @@ def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision:
     Error: of a free joint as of `rotate`; else exact.
 
     Example:
-        >>> print(js.interop.mujoco.from_qvel(arm, q, np.float32([1.0, 0.5])))
+        >>> print(js.interop.mujoco.from_qvel(arm, q, jnp.array([1.0, 0.5])))
         [1.  0.5]
     """
     joints, state = _arguments("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
@@ -580,7 +580,7 @@ def from_qacc(
     Error: of a free joint as of `rotate` and `SpatialAcceleration.to_featherstone`; else exact.
 
     Example:
-        >>> print(js.interop.mujoco.from_qacc(arm, q, v, np.float32([3.0, 1.0])))
+        >>> print(js.interop.mujoco.from_qacc(arm, q, v, jnp.array([3.0, 1.0])))
         [3. 1.]
     """
     joints, state = _arguments("mujoco.from_qacc", mechanism, q=q, v=v, qacc=qacc)
@@ -630,7 +630,7 @@ def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision:
     Error: of a free joint as of `rotate`; else exact but for mimics.
 
     Example:
-        >>> print(js.interop.mujoco.from_qfrc(arm, q, np.float32([10.0, 2.0])))
+        >>> print(js.interop.mujoco.from_qfrc(arm, q, jnp.array([10.0, 2.0])))
         [10.  2.]
     """
     joints, state = _arguments("mujoco.from_qfrc", mechanism, q=q, qfrc=qfrc)
