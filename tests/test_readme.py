@@ -312,6 +312,7 @@ def test_extras_exist():
             assert set(names.split(",")) <= set(extras), names
 
 
+@pytest.mark.slow
 def test_robots_are_compiled_once_on_disk(tmp_path):
     """The cache of JAX serves a second process, in which names have other hashes."""
     source = "import numpy as np, jaxspatial as js; m = js.testing.random_mechanism(0, 2, dtype=np.float32); "

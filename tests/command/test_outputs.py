@@ -92,6 +92,7 @@ def test_nothing_is_overwritten_unasked(path, capsys):
     assert target.stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_a_picture_without_a_name_takes_a_free_one(tmp_path, quick, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for _ in range(3):

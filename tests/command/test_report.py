@@ -132,6 +132,7 @@ def test_picture_of_little(result, tmp_path):
         assert rows and len(drawn.convert("RGB").getcolors(2**24)) > 100
 
 
+@pytest.mark.slow
 def test_curves_of_one_dtype_are_labelled_alone(result, tmp_path):
     curves = [curve for curve in result.curves if curve.dtype == "float32"]
     picture.draw(result._replace(curves=curves), tmp_path / "x.svg", "svg")
@@ -158,6 +159,7 @@ def test_the_first_look_is_a_page_with_batch_and_unit_in_every_row(look, capsys)
         assert any(words in line for line in lines), words
 
 
+@pytest.mark.slow
 def test_the_first_look_is_a_picture(look, tmp_path, monkeypatch):
     """With a robot that is pushed, its contact forces, and what applications lose."""
     mech, (q, _) = quadruped.mechanism(), quadruped.standing()

@@ -60,6 +60,7 @@ def test_built_in_scene(tmp_path, capsys, monkeypatch):
         assert picture.size[0] > 1000
 
 
+@pytest.mark.slow
 def test_json(tmp_path, capsys, monkeypatch):
     """Nothing but JSON on standard output, no picture, and no need for the packages that show tables and pictures."""
     monkeypatch.chdir(tmp_path)
@@ -147,6 +148,7 @@ def test_a_file_is_measured_and_stays(tmp_path, wrenches, quick):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["mine.npz", "mine_trade.png"]
 
 
+@pytest.mark.slow
 def test_no_motion_is_invented(tmp_path, wrenches, capsys):
     """Of a file without w and v there is no power, and only what needs neither is measured."""
     path = _write_csv(tmp_path / "mine.csv", wrenches, COLUMNS[:6])
@@ -178,6 +180,7 @@ _URDF = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial>
 <joint name="pivot" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
 
 
+@pytest.mark.slow
 def test_the_robot_of_a_file(tmp_path, capsys):
     path = tmp_path / "pendulum.urdf"
     path.write_text(_URDF)

@@ -1267,7 +1267,7 @@ def test_gradients_of_hostile_numbers_are_finite(kind, n):
 
 
 # A weld and a universal joint that cannot close; a weld across a hinge.
-TOLD = [(0, "float64"), ("leg", "float32")]
+TOLD = [("leg", "float32")]
 
 
 @pytest.mark.parametrize(
@@ -1453,6 +1453,7 @@ def test_derivatives_by_every_other_number():
         assert abs(b).max() > 1e-3, k
 
 
+@pytest.mark.slow
 def test_gradients_of_hostile_states_are_finite():
     """At rest, where nothing slips; just touching; without friction; and with every contact twice."""
     mech, zero = slider(), np.zeros(3)
@@ -1469,6 +1470,7 @@ def test_gradients_of_hostile_states_are_finite():
             assert all(np.isfinite(y).all() for y in jax.tree.leaves(found))
 
 
+@pytest.mark.slow
 def test_what_friction_learns():
     """Of a block that slides: its speed v0 - mu gamma / m with gamma in closed form, and the derivative by mu."""
     dt, start, depth = 5e-3, 1.0, MASS * G / STIFF

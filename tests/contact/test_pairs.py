@@ -421,6 +421,7 @@ with jax.enable_x64(True):
     MECH = scenes.two_bodies(Numbers.of()).mechanism
 
 
+@pytest.mark.slow
 def test_a_ball_on_a_body_is_the_sphere_that_it_is():
     """By both ways, velocities and forces, and points, of surfaces that are not as stiff."""
     rng = np.random.default_rng(0)
@@ -596,6 +597,7 @@ def test_a_report_of_many_environments_is_that_of_each():
             assert 0 < found.touches[:, 3:].sum() < 3 * n and 0 < found.sticks.sum() < 6 * n
 
 
+@pytest.mark.slow
 def test_contacts_are_as_hard_whatever_is_known():
     """Numbers of a mechanism may be arguments: the axes of a floating root count, which is free of damping or not."""
     q, v = Q.copy(), np.zeros(12)

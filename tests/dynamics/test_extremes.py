@@ -293,6 +293,7 @@ def _all_of_limbs(mech, q, v, a):
     }
 
 
+@pytest.mark.slow
 def test_derivatives_of_limbs_that_are_one_loop():
     """Through what turns forces into accelerations."""
     mech, (q, v, a) = limbs()
@@ -301,6 +302,7 @@ def test_derivatives_of_limbs_that_are_one_loop():
     np.testing.assert_allclose(found, expected, atol=1e4 * 2.0**-53 * abs(np.asarray(expected)).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("function", [js.gravity_forces, js.mass_matrix], ids=["gravity forces", "mass matrix"])
 def test_limbs_that_are_one_loop_compensated(function):
     """Numbers of two words along the same loop."""
@@ -334,6 +336,7 @@ def operations(mech):
     return sum(asked_for(lambda *x: js.inverse_dynamics(mech, *x), *x).values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [200, slow(1000)])
 def test_hundreds_of_links(n):
     """Inverse dynamics, compiled, to 60 digits."""

@@ -112,6 +112,7 @@ def test_a_solution_is_left_as_it_is():
     assert not lost.is_solved.any() and jnp.isfinite(lost.q).all() and jnp.isnan(lost.error.v).all()
 
 
+@pytest.mark.slow
 def test_the_size_of_a_robot_does_not_matter():
     """Scaled by a power of two, with its targets and the tolerance, it takes the same steps."""
     _, X_WT, start, _ = solved()
@@ -141,6 +142,7 @@ def biped():
     return js.Mechanism.build(bodies, joints)
 
 
+@pytest.mark.slow
 def test_a_robot_that_floats_puts_several_frames_at_several_positions():
     mech, frames = biped(), ["leftfoot", "rightfoot", "base"]
     reachable = js.random_configuration(mech, jax.random.key(0), 4)

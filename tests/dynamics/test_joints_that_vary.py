@@ -16,6 +16,7 @@ from jaxspatial.mechanism import joints
 from jaxspatial.mechanism.joints import AXIS, KINDS, JointKind, Parameter, Prismatic, Revolute
 from jaxspatial.numerics.linear import Motion, Pose
 from tests.helpers.interpreted import interpreted
+from tests.helpers.marks import slow_but
 
 RATE = Parameter("rate_of_lead", default=0.7)
 
@@ -225,7 +226,11 @@ RESULTS = {
 }
 
 
-@pytest.mark.parametrize("name", RESULTS)
+# Of the others each is made of one of these.
+KEPT = ("inverse dynamics", "forward dynamics", "mass matrix", "jacobian rate", "acceleration", "beta", "gradient")
+
+
+@pytest.mark.parametrize("name", slow_but(KEPT, RESULTS))
 def test_as_of_the_lagrangian(name):
     found, right = interpreted(functools.partial(RESULTS[name], mechanism()))(*state()), expected()[name]
     assert abs(right).max() > 0.1

@@ -257,6 +257,7 @@ def test_what_has_no_batch_goes_with_every_item():
         np.testing.assert_array_equal(whole.residual[i, j], call(gain[j], dt[i]).residual[j])
 
 
+@pytest.mark.slow
 def test_derivatives_by_everything_are_finite():
     """By measured numbers, gain, time and the inertias."""
     mech, (q, v, tau) = floating().as_data(), samples(3)

@@ -103,6 +103,7 @@ def test_names_and_order():
         js.joint_reactions(MECH, *arguments, joints=[])
 
 
+@pytest.mark.slow
 def test_transformed():
     """jit, vmap, the mechanism as data, and the derivative by the inertia of what is welded."""
     q, v, vdot, F = state(2)

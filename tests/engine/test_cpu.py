@@ -9,6 +9,7 @@ import pathlib
 import subprocess
 import sys
 import threading
+import time
 import weakref
 
 import jax
@@ -354,8 +355,13 @@ def test_executables_hold_code_by_themselves():
     assert engine() is not None
     del call
     jax.clear_caches()
-    gc.collect()
-    cpu._free()
+    # On a machine with much else to do, a thread of XLA may still be about to let go.
+    for _ in range(100):
+        gc.collect()
+        cpu._free()
+        if engine() is None:
+            break
+        time.sleep(0.05)
     assert engine() is None
 
 

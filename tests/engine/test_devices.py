@@ -64,6 +64,7 @@ CONTACT_CASES = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cases", ["CASES", *map(slow, ("MORE_CASES", "CONTACT_CASES"))])
 def test_states_stay_on_their_device(cases):
     done = python(__file__, cases, n_devices=N_DEVICES)

@@ -44,6 +44,7 @@ def text(function, *arguments, platform="cuda"):
 
 
 # By default the one with the most operations, of which the others have parts.
+@pytest.mark.slow
 @pytest.mark.parametrize("name", slow_but(["forward dynamics"], OF_STATES))
 def test_what_xla_compiles_has_the_bits_of_machine_code(name, monkeypatch):
     """Those of the algorithms; sums of cotangents are in another order, and contact solves to a tolerance."""

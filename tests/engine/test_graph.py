@@ -15,6 +15,7 @@ from jaxspatial.numerics.errorfree import barrier, transforms
 from jaxspatial.numerics.jax_internals import jaxpr_as_fun
 from tests.helpers import graphs
 from tests.helpers.graphs import assert_same_bits, graph_of, with_numpy, with_xla
+from tests.helpers.marks import slow
 
 F32, F64, I32, U32, I64, BOOL = np.float32, np.float64, np.int32, np.uint32, np.int64, np.bool_
 ALL = 10**9  # operations to unroll at most
@@ -50,7 +51,7 @@ def flushed(results):
     return [np.where(is_small(y), np.copysign(y.dtype.type(0), y), y) if y.dtype.kind == "f" else y for y in results]
 
 
-@pytest.mark.parametrize("dtype", [F32, F64, I32, U32, I64, BOOL])
+@pytest.mark.parametrize("dtype", [F32, I32, BOOL, *map(slow, (F64, U32, I64))])
 def test_operations_have_the_bits_of_xla(dtype):
     """Of numbers none of whose operations has a subnormal error: these are in `test_llvm_ir`."""
     x, y = graphs.pairs(dtype)
@@ -165,7 +166,7 @@ def test_loops_have_the_bits_of_xla(name, most_unrolled):
     assert_same_bits(with_numpy(g, arrays), loops_of_xla()[name])
 
 
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [*range(3), *map(slow, range(3, 8))])
 def test_random_functions_have_the_bits_of_xla(seed):
     f, arrays = graphs.random_function(seed)
     with mock.patch.object(graph, "MOST_UNROLLED", ALL * (seed % 2)):
@@ -382,7 +383,9 @@ def test_triangular_systems_are_solved(is_lower, is_transposed, is_left, is_unit
     options = dict(left_side=is_left, lower=is_lower, transpose_a=is_transposed, unit_diagonal=is_unit)
     solve = functools.partial(lax.linalg.triangular_solve, **options)
     (x,) = with_numpy(graph_of(solve, a, b), [a, b])
-    assert_xla_has_the_bits(solve, x.reshape(b.shape), a, b)
+    if is_lower == is_left and is_transposed != is_unit:
+        # Each value of each option is among these four.
+        assert_xla_has_the_bits(solve, x.reshape(b.shape), a, b)
     x, whole = x.reshape(b.shape), np.tril(a) if is_lower else np.triu(a)
     whole = np.where(np.eye(3, dtype=bool), 1, whole) if is_unit else whole
     whole = whole.swapaxes(-1, -2) if is_transposed else whole

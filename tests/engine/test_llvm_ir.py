@@ -13,6 +13,7 @@ from jaxspatial.engine import cpu, graph, llvm_ir
 from jaxspatial.numerics.errorfree import barrier, transforms
 from tests.helpers import graphs
 from tests.helpers.graphs import assert_same_bits, by_itself, code_of, graph_of, in_handler, with_numpy, with_xla
+from tests.helpers.marks import slow
 
 llvm = pytest.importorskip("llvmlite.binding")
 
@@ -56,7 +57,7 @@ def test_old_processors_have_the_same_bits(dtype, target):
     assert_same_bits(by_itself(code, arrays, target), expected)
 
 
-@pytest.mark.parametrize("dtype", [F32, F64, I32, U32, I64, BOOL])
+@pytest.mark.parametrize("dtype", [F32, BOOL, *map(slow, (F64, I32, U32, I64))])
 def test_operations_have_the_bits_of_xla_where_subnormal_numbers_are_flushed(dtype):
     g, arrays, _ = of_operations(dtype)
     expected = with_xla(graphs.all_operations(dtype), arrays)
@@ -136,8 +137,8 @@ def of_loops(most_unrolled, dtype):
 
 
 CASES = [
-    (0, 1500, 1, F32), (0, 1500, 16, F32), (0, 50, 1, F64), (0, 50, 8, F64), (0, 5, 4, F32), (0, 5, 16, F32),
-    (ALL, 1500, 16, F32), (ALL, 50, 1, F32), (ALL, 5, 8, F64),
+    (0, 1500, 1, F32), (0, 50, 8, F64), (0, 5, 4, F32), (ALL, 1500, 16, F32),
+    *(slow(*x) for x in [(0, 1500, 16, F32), (0, 50, 1, F64), (0, 5, 16, F32), (ALL, 50, 1, F32), (ALL, 5, 8, F64)]),
 ]  # fmt: skip
 
 

@@ -190,12 +190,12 @@ def _checkpoint(q, v, tau):
 
 # Functions, and whether XLA compiles them in the default run. All are compared with graphs there.
 TRANSFORMED = (
-    (_inverse, True),
+    (_inverse, False),
     (_vmap_of_vmap, False),
     (_shared, False),
     (_of_data, False),
     (_of_masses, False),
-    (_jvp, True),
+    (_jvp, False),
     (_vjp, False),
     (_vjp_of_shared, False),
     (_grad, False),
@@ -377,6 +377,7 @@ def test_precise_programs(dtype, precision):
 # -- export, processes, threads and life -------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_exported_programs_take_the_way_of_xla():
     """Machine code is of one processor and one process; an exported program may run on others."""
     x = states(5)
@@ -499,6 +500,7 @@ def test_forked_processes(tmp_path):
         same(np.load(place), run("numpy", _inverse, *states(9)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "kind"),
     [("_inverse", "Auto"), slow("mapped", "Auto"), slow("mapped", "Explicit"), slow("summed", "Auto")],

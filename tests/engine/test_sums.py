@@ -10,6 +10,7 @@ from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from jaxspatial.engine import cpu, sums
+from tests.helpers.marks import slow_but
 from tests.helpers.processes import python
 
 if not cpu.is_available():
@@ -81,7 +82,7 @@ def assert_same(found, expected):
         np.testing.assert_array_equal(np.signbit(x)[number], np.signbit(y)[number])
 
 
-@pytest.mark.parametrize("name", FUNCTIONS)
+@pytest.mark.parametrize("name", slow_but(["shift", "of three factors"], FUNCTIONS))
 def test_the_bits_are_those_of_xla(name):
     function, n_calls = FUNCTIONS[name]
     arrays = vectors(N + 3)

@@ -473,7 +473,7 @@ FUNCTIONS = {
 
 
 # What runs by default: sums of products, quotients, a loop.
-FEW = ("dynamic_parameters", "combine", "moments")
+FEW = ("dynamic_parameters", "combine")
 
 
 def _sum_of_all(name, M):

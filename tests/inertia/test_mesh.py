@@ -226,6 +226,7 @@ def exactly_moved(points, direction, step, faces):
     return np.array([central[i, j] for i, j in PAIRS])
 
 
+@pytest.mark.slow
 @compiled_as_for_users()
 def test_batches_and_transformations():
     rng = np.random.default_rng(7)

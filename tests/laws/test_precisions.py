@@ -53,7 +53,7 @@ def test_other_precisions_compiled(precision, names):
             _assert_near(np.asarray(x), exact, ROUNDED)
 
 
-@pytest.mark.parametrize("precision", ["fast", "compensated", "faithful"])
+@pytest.mark.parametrize("precision", [slow("fast"), "compensated", slow("faithful")])
 @pytest.mark.parametrize("names", [REPRESENTATIVES[:3], *(slow((name,)) for name in SUMS)], ids="-".join)
 def test_bound_of_the_docstring_with_64_bit_types_on(names, precision):
     """With them off, and in all dtypes: see `test_error_bounds`."""

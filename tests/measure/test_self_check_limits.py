@@ -10,6 +10,7 @@ from jax import lax
 import jaxspatial as js
 from jaxspatial.measure import checks, error, inputs
 from jaxspatial.measure.operation import OPERATIONS
+from tests.helpers.marks import slow
 
 U = Fraction(1, 2**24)
 BOUNDED = pytest.mark.parametrize("precision", [js.Precision.COMPENSATED, js.Precision.FAITHFUL])
@@ -33,7 +34,7 @@ def last_bit_off(function):
 
 
 @BOUNDED
-@pytest.mark.parametrize("name", ["shift_force", "dot"])
+@pytest.mark.parametrize("name", ["shift_force", slow("dot")])
 def test_a_wrong_last_bit_is_seen(name, precision):
     """In a batch, in a loop, one by one; results off by one number are off by more than half a unit in the last place,
     and by more than one somewhere."""

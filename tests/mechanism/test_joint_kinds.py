@@ -180,7 +180,7 @@ CALLS = {
 }
 
 
-KEPT = ("inverse dynamics", "forward dynamics", "mass matrix", "accelerations", "derivatives of inverse dynamics")
+KEPT = ("inverse dynamics", "forward dynamics", "derivatives of inverse dynamics")
 CASES = [("loops", call) if call in KEPT else slow("loops", call) for call in CALLS]
 CASES += [("between others", "forward dynamics")]
 

@@ -398,7 +398,7 @@ def test_low_words_beside_infinities_and_zeros(dtype):
                 np.testing.assert_array_equal(result.lo, np.zeros(3, dtype))
 
 
-@pytest.mark.parametrize("dtype", slow_but(["bfloat16", "float32", "float64"], DTYPES))
+@pytest.mark.parametrize("dtype", slow_but(["float32"], DTYPES))
 def test_near_the_largest_number_results_are_those_of_the_high_words(dtype):
     largest = float(jnp.finfo(dtype).max)
     with jax.enable_x64(dtype == "float64"):
