@@ -107,10 +107,9 @@ def constraint_error(
     """
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
 
-    def error(q, distances) -> jax.Array:
-        return errors_of(LoopsOfState(mechanism, closures, distances, precision).placed(q), q.dtype)
-
-    return over_batch(error, q, distances)
+    return over_batch(
+        lambda q, own: errors_of(LoopsOfState(mechanism, closures, own, precision).placed(q), q.dtype), q, distances
+    )
 
 
 def constraint_jacobian(
@@ -151,11 +150,11 @@ def constraint_jacobian(
     """
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
 
-    def rows(q, distances) -> jax.Array:
-        of_state = LoopsOfState(mechanism, closures, distances, precision)
-        return of_state.jacobian(q, of_state.placed(q)).J
+    def of_one(q, distances) -> jax.Array:
+        loops = LoopsOfState(mechanism, closures, distances, precision)
+        return loops.jacobian(q, loops.placed(q)).J
 
-    return over_batch(rows, q, distances)
+    return over_batch(of_one, q, distances)
 
 
 def constrained_forward_dynamics(
@@ -232,10 +231,10 @@ def constrained_forward_dynamics(
     if stabilization is not None:
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
-    def constrained(q, v, tau, k, distances, forces) -> ConstrainedDynamics:
-        return _constrained(LoopsOfState(mechanism, closures, distances, precision), q, v, tau, k, forces)
-
-    return over_batch(constrained, q, v, tau, k, distances, forces)
+    at = q, v, tau, k, forces
+    return over_batch(
+        lambda own, *at: _constrained(LoopsOfState(mechanism, closures, own, precision), *at), distances, *at
+    )
 
 
 def close_loops(
@@ -284,10 +283,9 @@ def close_loops(
     q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
-    def closed(q, distances) -> ClosedConfiguration:
-        return _closed(LoopsOfState(mechanism, closures, distances, precision), q, iterations)
-
-    return over_batch(closed, q, distances)
+    return over_batch(
+        lambda q, own: _closed(LoopsOfState(mechanism, closures, own, precision), q, iterations), q, distances
+    )
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------

@@ -43,8 +43,15 @@ def checked_closures(
     operation: str, mechanism: Mechanism, loops, dtype: np.dtype
 ) -> tuple[tuple[LoopClosure, ...], list]:
     """The closures, and their distances (*batch, 1) or None."""
-    closures = checked_loops(loops, mechanism.topology, f"{operation}: loops")
-    return closures, [None if loop.distance is None else _distance(operation, loop, dtype) for loop in closures]
+    closures, distances = checked_loops(loops, mechanism.topology, f"{operation}: loops"), list[Any]()
+    for distance in (x.distance for x in closures):
+        if isinstance(distance, np.ndarray):
+            distance = distance.astype(dtype)
+        elif distance is not None:
+            distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
+            check.require_same_dtype(q=np.zeros(0, dtype), distance=distance)
+        distances.append(None if distance is None else distance[..., None])
+    return closures, distances
 
 
 def are_of_one_body(mechanism: Mechanism, loop: LoopClosure) -> bool:
@@ -74,15 +81,6 @@ def require_closable(
                 f"{operation}: loops: expected closures that can close, got {loop!r} between frames of one body, "
                 f"{mechanism.frame_body(loop.frame_a)!r}, which stays open by {gap:.3g} (rad, m)"
             )
-
-
-def _distance(operation: str, loop: LoopClosure, dtype: np.dtype):
-    distance = loop.distance
-    if isinstance(distance, np.ndarray):
-        return distance.astype(dtype)[..., None]
-    distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
-    check.require_same_dtype(q=np.zeros(0, dtype), distance=distance)
-    return distance[..., None]
 
 
 # -- one closure ------------------------------------------------------------------------------------------------------

@@ -186,14 +186,14 @@ def point_motions(
     return _point_motions(precision, mechanism, q, v, points, frames=contacts.frames, operation=operation)
 
 
-def checked_contacts(operation: str, contacts: Any, name: str = "contacts") -> PointContacts:
+def checked_contacts(operation: str, contacts, name: str = "contacts") -> PointContacts:
     """The contacts, as JAX computes with them."""
     if not isinstance(contacts, PointContacts):
         check.refuse(f"{operation}: {name}", "PointContacts", contacts)
     return check.narrowed(contacts)
 
 
-def checked_ground(operation: str, ground: Any, q: Any) -> Ground:
+def checked_ground(operation: str, ground, q) -> Ground:
     """The ground, as JAX computes with it; z = 0 for None."""
     if ground is None:
         return HalfSpace(np.array([0, 0, 1], q.dtype), np.zeros((), q.dtype))

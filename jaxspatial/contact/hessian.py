@@ -11,13 +11,13 @@ Jacobians are formed once, and H for each direction.
 import functools
 import operator
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.contact.term import Columns, OnBodies, StepData, Term
+from jaxspatial.contact.term import Columns, OnBodies, Rows, StepData, Term
 from jaxspatial.contact.world import Forces, World, tiled, with_zero_rows
 from jaxspatial.dynamics.articulated_bodies import (
     ArticulatedBody,
@@ -199,13 +199,15 @@ def _with_terms_between(
     # The columns of each stiff term.
     ends = np.cumsum([0, *(sum(len(part.b) for part in own) for own in by_term)]).tolist()
     places = {i: ends[i : i + 2] for i, t in enumerate(terms) if t.is_stiff and ends[i] < ends[i + 1]}
-    given = {i: terms[i].over_L(balanced[i]) for i in places}
+    # Of these L is diagonal: R^-1/2.
+    roots = {i: cast(Rows, terms[i]).R.sqrt() for i in places}
+    given = {i: balanced[i] * root for i, root in roots.items()}
     if not all(map(is_constant, given.values())):
         each = [stacking.spread(given[i], (b - a, n)) for i, (a, b) in places.items()]
         rows, in_order = np.full(k, k), np.concatenate([np.arange(a, b) for a, b in places.values()])
         rows[in_order] = np.arange(len(in_order))
         lacking = lacking + stacking.mapped(lambda w: with_zero_rows(w, rows), stacking.concatenated(each))
-    s = matrices.solved(M, lacking)
+    s = matrices.inverse_times(M, lacking)
     summed = list[Any]()
     for (x, _, left), (columns_x, _, columns_left) in zip(found, Y, strict=True):
         own = x, left
@@ -219,7 +221,7 @@ def _with_terms_between(
     # Columns may cancel one another: sums of their motions would have other rounding errors than those of their rates.
     (motions,) = world.motions(state.numbers_by_velocity([x for x, _ in summed]))
     for i, (a, b) in places.items():
-        left = terms[i].times_L(stacking.mapped(lambda w, a=a, b=b: w[a:b], s))
+        left = stacking.mapped(lambda w, a=a, b=b: w[a:b], s) / roots[i]
         remainders[i] = left if applied[i] is None else left + applied[i]
     return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
 
@@ -229,12 +231,12 @@ def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -
     world, n, k = scene.world, scene.world.state.n, len(columns.b)
     wide, own = world.of_states(n * k), np.eye(k, dtype=bool)[:, :, None]
 
-    def apart(w: jax.Array) -> jax.Array:
+    def in_own_column(w: jax.Array) -> jax.Array:
         """Row i in column i, zero elsewhere."""
         return jnp.where(own, jnp.broadcast_to(w, (k, n))[:, None], 0).reshape((k, k * n))
 
     sides = (columns.b, columns.on_b), (columns.a, columns.on_a)
-    parts = [OnBodies(bodies, stacking.mapped(apart, x)) for bodies, x in sides]
+    parts = [OnBodies(bodies, stacking.mapped(in_own_column, x)) for bodies, x in sides]
     on_joints = world.by_bundle(None)
     if columns.on_joints is not None:
         by_velocity = stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape((-1, k * n)), columns.on_joints)
@@ -325,7 +327,7 @@ def _solve_with_mimics(
         )
         H = _bordered(H, stacking.concatenated([x[1] for x in stiff_terms]), stiffness)
         right = stacking.concatenated([right, given])
-    found, remainders, first = matrices.solved(H, right), list[Number | None](), nv
+    found, remainders, first = matrices.inverse_times(H, right), list[Number | None](), nv
     for term, _, _, _, own in each:
         if not term.is_stiff:
             remainders.append(None)

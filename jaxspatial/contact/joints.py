@@ -117,24 +117,28 @@ class Limit(NamedTuple):
         lower, upper = (where(near, gap, 0.0) / (2 * dt) for near, gap in ((near_lower, below), (near_upper, above)))
         return cls(lower, upper, near_lower, near_upper, R, held)
 
-    @property
-    def acts(self) -> jax.Array:
-        return self.near_lower | self.near_upper
 
-    def law(self, u: Number) -> tuple[Number, Number]:
-        """(the impulses at velocities u, G there)."""
-        zero = constant(u, 0)
-        down, up = (-self.lower - u) / self.R, (u - self.upper) / self.R
-        is_down, is_up = self.near_lower & ~(high(down) <= 0), self.near_upper & ~(high(up) <= 0)
-        is_down = is_down if self.held is None else is_down | self.held
-        return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / self.R, zero)
+class Limited(Rows):
+    """A term of numbers with limits, or with these and more."""
+
+    limit: Limit
+
+    def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
+        at, zero = self.limit, constant(u, 0)
+        down, up = (-at.lower - u) / at.R, (u - at.upper) / at.R
+        is_down, is_up = at.near_lower & ~(high(down) <= 0), at.near_upper & ~(high(up) <= 0)
+        is_down = is_down if at.held is None else is_down | at.held
+        return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / at.R, zero)
 
     def magnitude(self, u: Number) -> Number:
-        return abs(u) + abs(self.lower) + abs(self.upper)
+        return abs(u) + abs(self.limit.lower) + abs(self.limit.upper)
+
+    def acts(self) -> jax.Array:
+        return self.limit.near_lower | self.limit.near_upper
 
 
 @tree_of("places")
-class Joints(Rows):
+class Joints(Limited):
     """m velocities with limits or dry friction, as numbers (m, B). places: the numbers of the velocities.
 
     friction: the largest impulse of dry friction, a known zero without. R_f: how much an impulse of friction changes
@@ -151,17 +155,14 @@ class Joints(Rows):
         return len(self.places)
 
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
-        impulse, G = self.limit.law(u)
+        impulse, G = super().law(u)
         stuck, largest = -u / self.R_f, self.friction
         is_stuck = high(abs(stuck)) < high(largest)
         slipping = where(high(stuck) > 0, largest, -largest)
         return impulse + where(is_stuck, stuck, slipping), G + where(is_stuck, 1 / self.R_f, constant(u, 0))
 
-    def magnitude(self, u: Number) -> Number:
-        return self.limit.magnitude(u)
-
     def acts(self) -> jax.Array:
-        return self.limit.acts | ~(high(self.friction) <= 0)
+        return super().acts() | ~(high(self.friction) <= 0)
 
     def joint_velocities(self) -> np.ndarray:
         return np.array(self.places)

@@ -54,14 +54,14 @@ NEAR, NOISY, STALLED = 100, 10, 0.25
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper", "turn_limits")
 
 
-def _of_each(function: Callable[..., tuple[Any, ...]], terms: Sequence[Term], *numbers: ByTerm, **shared: Any):
+def _of_each(function: Callable[..., tuple[Any, ...]], terms: Sequence[Term], *numbers: ByTerm, **shared):
     """function(term, its numbers, **shared) of all terms: for each of the results a tuple over the terms."""
     function = functools.partial(function, **shared)
     found = [term.each(function, *own) for term, *own in zip(terms, *numbers, strict=True)]
     return zip(*found, strict=True)
 
 
-def _total(parts: Iterable[Number]) -> Number:
+def _sum_of(parts: Iterable[Number]) -> Number:
     """The sum of all numbers (rows, B), (1, B)."""
     return stacking.mapped(lambda w: w[None], functools.reduce(operator.add, map(stacking.pairwise_sum, parts)))
 
@@ -141,16 +141,13 @@ def solve(state: MechanismState, step: StepData):
     start = Iterate(x, at_rest, u, Scalars(nothing, one, nothing, nothing))
     is_touched = _is_touched(scene)
 
-    def iterate(carry: Any) -> Any:
+    def iterate(carry):
         data, is_done, count, k = carry
         new, is_small = _iterated(constants, with_data(start, data), is_done, k == 0)
         return data_of(new), is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
-    def is_going(carry: Any) -> jax.Array:
-        return (carry[3] < MOST_ITERATIONS) & ~carry[1].all()
-
-    count = jnp.zeros((1, state.n), np.int32)
-    data, _, count, _ = lax.while_loop(is_going, iterate, (data_of(start), ~is_touched, count, np.int32(0)))
+    at_first = data_of(start), ~is_touched, jnp.zeros((1, state.n), np.int32), np.int32(0)
+    data, _, count, _ = lax.while_loop(lambda x: (x[3] < MOST_ITERATIONS) & ~x[1].all(), iterate, at_first)
     last: Iterate = with_data(start, data)
     found = world.turned((1 - last.scalars.lacking) * free + last.x, to_world=False)
     y = where(is_touched, found, state.numbers(step.y_free[:, None])[0])
@@ -251,10 +248,10 @@ def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
         for term, own, u_d in zip(terms, G, _velocities(scene, motions, d), strict=True)
     ]
     noise = [_rounding_of_velocities(*x) for x in zip(terms, u, G, strict=True)]
-    left = world.twice_energy(motions, d) + _total(squares) + _total(noise)
+    left = world.twice_energy(motions, d) + _sum_of(squares) + _sum_of(noise)
     for term, own, u_own in zip(terms, G, u, strict=True):
         if term.rounding_share:
-            total = _total([term.rounding(own, u_own)])
+            total = _sum_of([term.rounding(own, u_own)])
             left = left + (term.rounding_share * check.eps(high(total).dtype)) ** 2 * total
     fields = world.numbers(step.v0, step.y_free)
     energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*fields), fields, strict=True))
@@ -313,7 +310,7 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
     world, terms, lacking = scene.world, scene.terms, at.scalars.lacking
 
     # The direction e.
-    def pushed(term: Term, u: Any, u_free: Any, held: Mask) -> tuple[Any, Any, Any]:
+    def pushed(term: Term, u, u_free, held: Mask) -> tuple[Any, Any, Any]:
         """(impulse, G, the impulse of the right side of a direction)."""
         impulse, G = term.law(u, held & is_first)
         return impulse, G, impulse - lacking * term.times_G(G, u_free)
@@ -323,7 +320,7 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
     e, motions, remainders = solve_hessian(scene, G, *_balanced_and_applied(terms, right, is_first), forces)
 
     # How far along it: d = r y* + e.
-    def along(term: Term, G: Any, impulse: Any, u_free: Any) -> tuple[Any, Any, Products]:
+    def along(term: Term, G, impulse, u_free) -> tuple[Any, Any, Products]:
         """(the velocity along a direction, the impulse at the end of the direction if it were linear, Products)."""
         u_d = term.velocities(world, motions, e) + lacking * u_free
         G_d = term.times_G(G, u_d)
@@ -337,7 +334,7 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
         return u_d, impulse - G_d, products
 
     u_d, linear, products = _of_each(along, terms, G, impulse, free.u)
-    sums, energy = Products(*map(_total, zip(*products, strict=True))), world.twice_energy(motions, e)
+    sums, energy = Products(*map(_sum_of, zip(*products, strict=True))), world.twice_energy(motions, e)
     slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)
     length = _searched(constants, at.u, u_d, slopes, is_small | is_done | is_first)
     linear = [x if own is None else own for x, own in zip(linear, remainders, strict=True)]
@@ -347,7 +344,7 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
         """Numbers after a step along others; where it is done, those before."""
         return jax.tree.map(lambda x, d: where(is_done, x, x + length * d), x, d, is_leaf=is_number)
 
-    def after(term: Term, u: Any, u_d: Any, linear: Any) -> tuple[Any, Number, Number]:
+    def after(term: Term, u, u_d, linear) -> tuple[Any, Number, Number]:
         """(the velocity after a step, what is at least the term's share of g^T H^-1 g there, and what errors of
         rounding the velocity make of that).
 
@@ -362,15 +359,15 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
 
     u, bounds, noise = _of_each(after, terms, at.u, u_d, linear)
     x, moving = moved((at.x, at.motions), (e, motions))
-    bound = where(high(length) == 1, _total(bounds), np.inf)
+    bound = where(high(length) == 1, _sum_of(bounds), np.inf)
     is_settled = high(bound) <= high(smallest)
     decrement = where(is_settled, bound, where(is_first, 0.0, slopes.decrement))
-    new = Scalars(at.scalars.over_free + length * free_e, (1 - length) * lacking, decrement, _total(noise))
+    new = Scalars(at.scalars.over_free + length * free_e, (1 - length) * lacking, decrement, _sum_of(noise))
     scalars = Scalars(*(where(is_done, x, y) for x, y in zip(at.scalars, new, strict=True)))
     return Iterate(x, moving, u, scalars), is_small | is_settled
 
 
-def _rounding_of_velocities(term: Term, u: Any, G: Any) -> Number:
+def _rounding_of_velocities(term: Term, u, G) -> Number:
     """What rounding errors of velocities make of g^T H^-1 g."""
     size = term.magnitude(u)
     rounding = check.eps(high(term.product(size, size)).dtype) * OF_VELOCITIES * size
@@ -425,12 +422,12 @@ def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_go
     low, one, up, unknown = (as_data(state.known(x), (1, state.n)) for x in (0.0, 1.0, LONGEST, np.inf))
     start = Search(low, up, one, where(is_good, 0.0, unknown), one)
 
-    def slope(term: Term, u: Any, d: Any, length: Number) -> tuple[Number, Number]:
+    def slope(term: Term, u, d, length: Number) -> tuple[Number, Number]:
         """(d . impulses, d . G d) at u + length d."""
         impulse, G = term.law(u + length * d)
         return term.product(impulse, d), term.product(term.times_G(G, d), d)
 
-    def trial(carry: Any) -> Any:
+    def trial(carry):
         data, k = carry
         at: Search = with_data(start, data)
         is_over = is_good | ~(high(abs(at.f)) > high(goal))
@@ -442,14 +439,13 @@ def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_go
         after = low, up, where(is_inside, newton, (low + up) * 0.5)
         stays = is_over | (k == 0)
         low, up, length = (where(stays, x, y) for x, y in zip(at[:3], after, strict=True))
-        of_terms, rate = map(_total, _of_each(slope, terms, u, u_d, length=length))
+        of_terms, rate = map(_sum_of, _of_each(slope, terms, u, u_d, length=length))
         f = along.slope + length * along.curvature - of_terms
         return data_of(Search(low, up, length, where(is_over, 0.0, f), along.curvature + rate)), k + 1
 
-    def is_going(carry: Any) -> jax.Array:
-        data, k = carry
-        f = with_data(start, data).f
-        return (k <= MOST_TRIALS) & (high(abs(f)) > high(goal)).any()
-
-    data, _ = lax.while_loop(is_going, trial, (data_of(start), np.int32(0)))
+    data, _ = lax.while_loop(
+        lambda x: (x[1] <= MOST_TRIALS) & (high(abs(with_data(start, x[0]).f)) > high(goal)).any(),
+        trial,
+        (data_of(start), np.int32(0)),
+    )
     return with_data(start, data).length

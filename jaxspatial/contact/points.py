@@ -135,7 +135,7 @@ def contact_data(
     if contacts is not None:
         p_WS = _centres(mechanism, q, contacts, precision)
         normal, s = normals_and_distances("convex_step", ground, p_WS, precision)
-        law = (_each(x, contacts) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction))
+        law = (_per_contact(x, contacts) for x in (contacts.stiffness, contacts.relaxation_time, contacts.friction))
         centres = _on_frames(mechanism, contacts, -s[..., None] * normal)
         depths = s - jnp.broadcast_to(contacts.radius, s.shape)
         parts.append(ContactData((False,) * len(centres.frames), centres, None, _flat(normal), depths, *law))
@@ -143,7 +143,7 @@ def contact_data(
         others, spheres = pairs
         normal, distance, from_a, from_b = between(mechanism, q, others, spheres, precision)
         stiffness, friction = (
-            harmonic_mean(*(_each(getattr(x, name), x) for x in pairs)) for name in ("stiffness", "friction")
+            harmonic_mean(*(_per_contact(getattr(x, name), x) for x in pairs)) for name in ("stiffness", "friction")
         )
         # What stands still is the other: of spheres on the world, what touches them.
         is_still = tuple(mechanism.frame_body(x) == WORLD for x in spheres.frames)
@@ -158,7 +158,7 @@ def contact_data(
                 _flat(normal),
                 distance,
                 stiffness / 2,
-                _each(others.relaxation_time, others) + _each(spheres.relaxation_time, others),
+                _per_contact(others.relaxation_time, others) + _per_contact(spheres.relaxation_time, others),
                 friction,
             )
         )
@@ -170,11 +170,11 @@ def contact_data(
         positions = [np.zeros(n, q.dtype) if x is None else x for x, n in zip(positions, sizes, strict=True)]
     centres = Centres(
         parts[0].centres.frames + parts[1].centres.frames,
-        None if positions[0] is None else _joined(positions),
-        _joined([x.centres.offsets for x in parts]),
+        None if positions[0] is None else _over_one_batch(positions),
+        _over_one_batch([x.centres.offsets for x in parts]),
     )
     names = "normals", "distances", "stiffness", "relaxation_time", "friction"
-    arrays = (_joined([getattr(x, name) for x in parts]) for name in names)
+    arrays = (_over_one_batch([getattr(x, name) for x in parts]) for name in names)
     return ContactData(parts[0].reversed + parts[1].reversed, centres, parts[1].others, *arrays)
 
 
@@ -203,7 +203,7 @@ def between(
     half as much. Its offsets are from the centres of spheres, and from the origin of the frame of a shape.
     """
     p_WB = _centres(mechanism, q, spheres, precision)
-    k_A, k_B = (check.expanded(_each(x.stiffness, x)) for x in (others, spheres))
+    k_A, k_B = (check.expanded(_per_contact(x.stiffness, x)) for x in (others, spheres))
     if isinstance(others, ShapeContacts):
         X_WA = forward_kinematics(mechanism, q, others.frames, precision=precision)
         from_origin = p_WB - X_WA.translation
@@ -227,12 +227,13 @@ def _to_contact(n: Vector, radius: Numbers, distance: Numbers, k: Numbers, other
     return (radius[0] + (other[0] / where(high(total) == 0, 1.0, total)) * distance[0]) * n
 
 
-def harmonic_mean(a: Any, b: Any) -> jax.Array:
+def harmonic_mean(a, b) -> jax.Array:
     """2 a b / (a + b), and 0 where both are."""
     return 2 * a * (b / jnp.where(a + b == 0, 1, a + b))
 
 
-def _joined(arrays: Sequence[Any]) -> jax.Array:
+def _over_one_batch(arrays: Sequence[Any]) -> jax.Array:
+    """Arrays (*batch, k), which may lack axes of the batch, side by side."""
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in arrays))
     return jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in arrays], -1)
 
@@ -243,7 +244,7 @@ def _on_frames(mechanism: Mechanism, contacts: PointContacts | ShapeContacts, of
     return Centres(frames, None if positions is None else _flat(positions), _flat(offsets))
 
 
-def _flat(vectors: Any) -> Any:
+def _flat(vectors):
     """(*batch, 3 n) of (*batch, n, 3)."""
     return vectors.reshape((*vectors.shape[:-2], -1))
 
@@ -254,7 +255,8 @@ def _centres(mechanism: Mechanism, q: jax.Array, contacts: PointContacts, precis
     return X_WF.translation if contacts.positions is None else X_WF @ contacts.positions
 
 
-def _each(x: Any, contacts: PointContacts | ShapeContacts) -> Any:
+def _per_contact(x, contacts: PointContacts | ShapeContacts):
+    """A number of a law (*batch, n), from one for each contact or one for all."""
     return (np if isinstance(x, np.ndarray) else jnp).broadcast_to(x, (*x.shape[:-1], len(contacts.frames)))
 
 
@@ -272,7 +274,7 @@ class Law(NamedTuple):
 
 
 @tree_of("ends", "frames")
-class Contacts(Term):
+class Contacts(Term[Vector, Law]):
     """n contacts, as numbers (n, B). Their velocities and impulses are Vectors in world axes: of the points of bodies b
     at C, for observers on bodies a.
 
@@ -317,7 +319,7 @@ class Contacts(Term):
         """These rows of numbers, which have one row where all are the same."""
         return stacking.mapped(lambda w: w if w.shape[0] == 1 else stacking.rows(w, rows), tree)
 
-    def _of_groups(self, groups: list[np.ndarray], function: Callable[..., T], *numbers: Any) -> list[T]:
+    def _of_groups(self, groups: list[np.ndarray], function: Callable[..., T], *numbers) -> list[T]:
         """function(contacts, their numbers) of each group: zeros where none of it touches."""
         found = list[T]()
         for rows in groups:
@@ -326,26 +328,26 @@ class Contacts(Term):
             found.append(where_any(own.is_touching, function, own, *self._rows(numbers, rows)))
         return found
 
-    def each(self, function: Callable[..., T], *numbers: Any) -> T:
+    def each(self, function: Callable[..., T], *numbers) -> T:
         if self._is_whole:
             return function(self, *numbers)
         # A paw and its shank are one body, and have frames of their own.
         return self._by_group(self._alike(*self.ends, self.frames), function, *numbers)
 
-    def _by_group(self, groups: list[np.ndarray], function: Callable[..., T], *numbers: Any) -> T:
+    def _by_group(self, groups: list[np.ndarray], function: Callable[..., T], *numbers) -> T:
         """What groups have, in the order of the contacts."""
         found = self._of_groups(groups, function, *numbers)
         order, n = np.argsort(np.concatenate(groups)), self.is_touching.shape[1]
 
-        def joined(*parts: Any) -> Any:
+        def in_order(*parts):
             if not is_number(parts[0]):
                 return stacking.rows(jnp.concatenate(parts), order)
             return stacking.mapped(lambda w: stacking.rows(w, order), stacking.concatenated_trees(parts, n, sizes))
 
         sizes = [len(rows) for rows in groups]
-        return jax.tree.map(joined, *found, is_leaf=is_number)
+        return jax.tree.map(in_order, *found, is_leaf=is_number)
 
-    def _summed(self, function: Callable[..., T], *numbers: Any) -> tuple[Ends, T]:
+    def _summed(self, function: Callable[..., T], *numbers) -> tuple[Ends, T]:
         """What acts on bodies: one row for all contacts between the same two, their sum; all rows if there are few."""
         if self._is_whole:
             return self.ends, function(self, *numbers)
@@ -358,14 +360,14 @@ class Contacts(Term):
             x = stacking.mapped(lambda w: with_zero_rows(jnp.broadcast_to(w, (count, w.shape[1])), places), x)
             return stacking.mapped(lambda w: w[None], stacking.pairwise_sum(x))
 
-        def total(own: Contacts, *numbers: Any) -> T:
+        def of_pair(own: Contacts, *numbers) -> T:
             parts = own._alike(own.frames)
             found = function(own, *numbers) if len(parts) == 1 else own._by_group(parts, function, *numbers)
             return jax.tree.map(lambda x: x if is_constant(x) else of_all(x, own.count), found, is_leaf=is_number)
 
         first = [rows[0] for rows in groups]
         ends = Ends(*(tuple(bodies[k] for k in first) for bodies in self.ends))
-        found = self._of_groups(groups, total, *numbers)
+        found = self._of_groups(groups, of_pair, *numbers)
         return ends, stacking.concatenated_trees(found, self.is_touching.shape[1])
 
     # -- the law ------------------------------------------------------------------------------------------------------
@@ -472,7 +474,7 @@ class Contacts(Term):
         if not len(between):
             return []
         # Of size 1 where all contacts have the same number.
-        own, G = stacking.mapped(lambda w: w if w.shape[0] == 1 else stacking.rows(w, between), (self, G))
+        own, G = self._rows((self, G), between)
         xx, xy, yy, xz, yz, zz = own._matrix(G)
         zero, size = constant(xx, 0), xx + yy + zz
 

@@ -183,7 +183,7 @@ def _moving(center: Vector, offset: Vector, n: Vector, v: Vector) -> list[Any]:
 
 
 @formula
-def _sticks(f: Vector, n: Vector, mu: Numbers, eps: Numbers) -> Any:
+def _sticks(f: Vector, n: Vector, mu: Numbers, eps: Numbers):
     pressed = dot(n, f)
     across = f - pressed * n
     largest = mu[0] * pressed - eps[0] * pressed

@@ -23,7 +23,6 @@ from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
-from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.shapes import Shape
@@ -237,12 +236,12 @@ OF_MECHANISM: dict[str, Callable[[Mechanism, Any], TermData | None]] = {
 }
 
 
-def _of_mechanism(mechanism: Mechanism, dtype: Any) -> dict[str, TermData]:
+def _of_mechanism(mechanism: Mechanism, dtype) -> dict[str, TermData]:
     found = ((name, data(mechanism, dtype)) for name, data in OF_MECHANISM.items())
     return {name: x for name, x in found if x is not None}
 
 
-def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: Any, loops: Any) -> _Arguments:
+def _checked(mechanism: Mechanism, q, contacts: Any, ground, pairs: Any, loops) -> _Arguments:
     what = "convex_step"
     ground = checked_ground(what, ground, q)
     if contacts is not None:
@@ -270,7 +269,7 @@ def _checked(mechanism: Mechanism, q: Any, contacts: Any, ground: Any, pairs: An
     )
 
 
-def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str, may_be_shapes: bool = False) -> Any:
+def _checked_contacts(mechanism: Mechanism, q, contacts, name: str, may_be_shapes: bool = False) -> Any:
     is_shape = may_be_shapes and isinstance(contacts, ShapeContacts)
     contacts = check.narrowed(contacts) if is_shape else checked_contacts("convex_step", contacts, name)
     check.require_same_dtype(q=q, **{name: contacts})
@@ -280,9 +279,9 @@ def _checked_contacts(mechanism: Mechanism, q: Any, contacts: Any, name: str, ma
 def _step(
     mechanism: Mechanism,
     state: Sequence[Any],
-    h: Any,
+    h,
     dt: ArrayLike,
-    forces: Any,
+    forces,
     given: _Arguments,
     precision: PrecisionName,
 ) -> ConvexStep:
@@ -303,18 +302,13 @@ def _step(
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
     if given.batch_shape or given.calls_functions:
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        return _solved_step(mechanism, (*state, h, forces), given, precision)
+        return _solved_step(precision, (mechanism, given), q, v, tau, h, forces)
     return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
 
 
-@composite
-def _as_one_program(precision: Precision, given: tuple[Mechanism, _Arguments], *at: Any) -> ConvexStep:
-    return _solved_step(given[0], at, given[1], precision)
-
-
-def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Arguments, precision: PrecisionName) -> ConvexStep:
-    """`_step` where something may act. at: q, v, tau, h and the external forces."""
-    q, v, tau, h, forces = at
+def _solved_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], q, v, tau, h, forces) -> ConvexStep:
+    """`_step` where something may act."""
+    mechanism, given = scene
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
     free, turning, vdot, tau = steps.stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
@@ -326,7 +320,7 @@ def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Arguments, pre
     problem = _Problem(mechanism, q, step, v, tau, forces)
     # The iteration has numbers of one limb.
     narrow = resolve(precision).of_one_limb
-    y, residual, iterations = problem.solved(narrow)
+    y, residual, iterations = problem.at_optimum(narrow)
     acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
     after = valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
     pushed = dict(zip(terms, problem.wrenches(narrow, y), strict=True))
@@ -335,8 +329,11 @@ def _solved_step(mechanism: Mechanism, at: Sequence[Any], given: _Arguments, pre
     return ConvexStep(next_q, next_v, pushed.get("contacts"), wrenches, residual, iterations)
 
 
+_as_one_program = composite(_solved_step)
+
+
 def _by_way_of_float32(
-    mechanism: Mechanism, state: Sequence[Any], h: Any, forces: Any, given: _Arguments, precision: PrecisionName
+    mechanism: Mechanism, state: Sequence[Any], h, forces, given: _Arguments, precision: PrecisionName
 ) -> ConvexStep:
     """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
     narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
@@ -361,7 +358,7 @@ class _Problem(NamedTuple):
     tau: jax.Array
     forces: Any
 
-    def solved(self, precision: Precision) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def at_optimum(self, precision: Precision) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
 
         # JAX keeps the rule below with the caller's trace, so it holds no array: those of this trace would leak.
@@ -373,12 +370,12 @@ class _Problem(NamedTuple):
 
         # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
         @jax.custom_jvp
-        def optimum(*data: Any) -> tuple[jax.Array, jax.Array]:
+        def optimum(*data) -> tuple[jax.Array, jax.Array]:
             own = at(data)._with_data(lax.stop_gradient)
             return newton.solve(precision, own.mechanism, own.q, own.step)
 
         @optimum.defjvp
-        def _(primals: Any, tangents: Any) -> Any:
+        def _(primals, tangents) -> Any:
             y, iterations = optimum(*primals)
             _, force = jax.jvp(lambda *data: at(data)._imbalance(precision, y), primals, tangents)
             change = at(primals)._times_inverse(precision, y, -force)
@@ -395,15 +392,16 @@ class _Problem(NamedTuple):
         A field that is known stays the object it is: with a mechanism live the programs that were made for it.
         """
 
-        def replaced(tree: Any) -> Any:
-            data = list(filter(_is_data, jax.tree.leaves(tree)))
-            return jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree) if data else tree
-
-        return _Problem(*map(replaced, self))
+        fields = list[Any](self)
+        for k, tree in enumerate(fields):
+            if any(map(_is_data, jax.tree.leaves(tree))):
+                fields[k] = jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree)
+        return _Problem(*fields)
 
     def _moving(self, y: jax.Array) -> tuple[Any, ...]:
         """What programs take that compare forces, for a change y of the velocities."""
-        at = newton.Balance(self.v, _divided(y, self.step.dt), self.tau, self.forces)
+        vdot = quotient(y, jnp.broadcast_to(self.step.dt, y.shape))
+        at = newton.Balance(self.v, vdot, self.tau, self.forces)
         return self.mechanism, self.q, self.step, y, at
 
     def _imbalance(self, precision: Precision, y: jax.Array) -> jax.Array:
@@ -413,13 +411,12 @@ class _Problem(NamedTuple):
         """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
         at = self._with_data(lax.stop_gradient)
 
-        def times_H(x: jax.Array) -> jax.Array:
-            return jax.jvp(lambda y: self._imbalance(precision, y), (y,), (x,))[1]
-
-        def inverse(_: Any, force: jax.Array) -> jax.Array:
-            return newton.solve_at(precision, at.mechanism, at.q, at.step, lax.stop_gradient(y), force)
-
-        return lax.custom_linear_solve(times_H, force, inverse, symmetric=True)
+        return lax.custom_linear_solve(
+            lambda x: jax.jvp(lambda y: self._imbalance(precision, y), (y,), (x,))[1],
+            force,
+            lambda _, b: newton.solve_at(precision, at.mechanism, at.q, at.step, lax.stop_gradient(y), b),
+            symmetric=True,
+        )
 
     def wrenches(self, precision: Precision, y: jax.Array) -> list[SpatialForce | None]:
         """What the step returns of each term, for a change y of the velocities; None of those of which it has none."""
@@ -427,14 +424,10 @@ class _Problem(NamedTuple):
         sizes = tuple(x.result_size for x in terms if x.result_size)
         if not sizes:
             return [None] * len(terms)
-        found = iter(newton.impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes))
-        return [x.wrenches(_divided(next(found), self.step.dt)) if x.result_size else None for x in terms]
+        impulses = newton.impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes)
+        forces = iter([quotient(x, jnp.broadcast_to(self.step.dt, x.shape)) for x in impulses])
+        return [x.wrenches(next(forces)) if x.result_size else None for x in terms]
 
 
-def _divided(x: jax.Array, h: Array) -> jax.Array:
-    """x / h, each rounded on its own."""
-    return quotient(x, jnp.broadcast_to(h, x.shape))
-
-
-def _is_data(x: Any) -> bool:
+def _is_data(x) -> bool:
     return not isinstance(x, np.ndarray)

@@ -7,14 +7,13 @@ the coefficients of the tendon, of the angle of a ball with the axis of its rota
 import functools
 import operator
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.contact.joints import Limit, are_equal
-from jaxspatial.contact.term import Columns, Rows, StepData, TermData
+from jaxspatial.contact.joints import Limit, Limited, are_equal
+from jaxspatial.contact.term import Columns, StepData, TermData
 from jaxspatial.contact.world import World, scalars
-from jaxspatial.dynamics.passive import one_array, over_coordinates
+from jaxspatial.dynamics.passive import is_infinite, one_array, over_coordinates
 from jaxspatial.engine import stacking
 from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import Mechanism
@@ -55,7 +54,7 @@ class TendonData(TermData):
 
 def tendon_data(mechanism: Mechanism, dtype) -> TendonData | None:
     """The TendonData of the tendons that have limits; None for none."""
-    limited = (x for x in mechanism.tendons if not (_is_none(x.lower) and _is_none(x.upper)))
+    limited = (x for x in mechanism.tendons if not (is_infinite(x.lower) and is_infinite(x.upper)))
     rows = [(*over_coordinates(mechanism, x), x.lower, x.upper) for x in limited]
     if not rows:
         return None
@@ -96,12 +95,8 @@ def ball_data(mechanism: Mechanism, _) -> BallData | None:
     if limits is None:
         return None
     of_balls = (i for i in range(len(t)) if t.kind(i).name == Ball.name)
-    bodies = tuple(i for i in of_balls if not _is_none(limits[i : i + 1]))
+    bodies = tuple(i for i in of_balls if not is_infinite(limits[i : i + 1]))
     return BallData(bodies) if bodies else None
-
-
-def _is_none(limits: Array) -> bool:
-    return isinstance(limits, np.ndarray | np.generic) and bool(np.isinf(limits).all())
 
 
 def _limits(
@@ -129,7 +124,7 @@ def _form(places: Places, c: tuple[Number, ...], v: Number) -> Number:
 
 
 @tree_of("places")
-class LimitsOfForms(Rows):
+class LimitsOfForms(Limited):
     """m linear forms of generalized velocities with limits. c: their coefficients, numbers (m, B), for each j."""
 
     places: Places
@@ -140,15 +135,6 @@ class LimitsOfForms(Rows):
     @property
     def count(self) -> int:
         return len(self.places[0])
-
-    def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
-        return self.limit.law(u)
-
-    def magnitude(self, u: Number) -> Number:
-        return self.limit.magnitude(u)
-
-    def acts(self) -> jax.Array:
-        return self.limit.acts
 
     def velocities(self, world: World, motions: list[Motion], v: Number) -> Number:
         return _form(self.places, self.c, v)

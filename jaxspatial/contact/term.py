@@ -11,7 +11,7 @@ arrays that programs read, at one configuration. A Term has the numbers of all s
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from jaxspatial.contact.world import World
 
 T = TypeVar("T")
+# Velocities, and impulses, of a term: trees of numbers (m, B), one number or a Vector for each; and its G.
+U = TypeVar("U")
+H = TypeVar("H")
 
 # Drake's numbers: how much softer than rigid terms are in the near-rigid regime, in units of the Delassus operator
 # J D^-1 J^T, with D the diagonal of A: contacts along the normal, what sticks, and limits and closures.
@@ -78,7 +81,7 @@ class Columns(NamedTuple):
     on_joints: Number | None = None
 
 
-class Term:
+class Term(Generic[U, H]):
     """m impulses on a mechanism. Subclasses are pytrees of numbers (m, B).
 
     A velocity u, and an impulse, is a tree of numbers (m, B): one number for each, or a Vector. G is what `times_G`
@@ -89,7 +92,7 @@ class Term:
     equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
     is_stiff: whether G is so large that impulse - G J x, for a direction x, would be a difference of large numbers.
-    Newton's method then finds it in another way. See `Rows`.
+    Newton's method then finds it in another way. It is for `Rows` alone, whose G is diagonal.
     throws: whether impulses may throw bodies far in the first direction. No contact is then taken to stick there.
     rounding_share: rounding errors, in eps, of what the law is given, see `rounding`.
     """
@@ -102,7 +105,7 @@ class Term:
         """m."""
         raise NotImplementedError
 
-    def each(self, function: Callable[..., T], *numbers: Any) -> T:
+    def each(self, function: Callable[..., T], *numbers) -> T:
         """function(self, *numbers), whose results are trees of numbers (m, B): how Newton's method calls what follows.
 
         Contacts call it for those between the same two bodies at a time, and skip those of which none touches: their
@@ -111,23 +114,23 @@ class Term:
 
     # -- the law ------------------------------------------------------------------------------------------------------
 
-    def law(self, u: Any, held: Mask | None = None) -> tuple[Any, Any]:
+    def law(self, u: U, held: Mask | None = None) -> tuple[U, H]:
         """(the impulses at velocities u, G there). held: impulses whose law is taken for linear, wherever u is."""
         raise NotImplementedError
 
-    def times_G(self, G: Any, u: Any) -> Any:
+    def times_G(self, G: H, u: U) -> U:
         """G u."""
         raise NotImplementedError
 
-    def product(self, impulse: Any, u: Any) -> Number:
+    def product(self, impulse: U, u: U) -> Number:
         """impulse . u of each, (m, B)."""
         raise NotImplementedError
 
-    def bound(self, G: Any, x: Any) -> Number:
+    def bound(self, G: H, x: U) -> Number:
         """At least x . G^-1 x of impulses x; infinite where x has a part in which G is zero."""
         raise NotImplementedError
 
-    def magnitude(self, u: Any) -> Any:
+    def magnitude(self, u: U) -> U:
         """How large the velocities are that the law at u takes differences of: the size of its rounding errors."""
         raise NotImplementedError
 
@@ -135,30 +138,30 @@ class Term:
         """Which impulses may be other than zero, (m, B) or (1, 1)."""
         raise NotImplementedError
 
-    def held(self, *velocities: Any) -> Mask:
+    def held(self, *velocities: U) -> Mask:
         """Which laws the first direction takes for linear, from velocities at the start and without contact."""
         return jnp.zeros((1, 1), bool)
 
-    def rounding(self, G: Any, u: Any) -> Number:
+    def rounding(self, G: H, u: U) -> Number:
         """What an error of 1 in what the law is given, such as distances, adds to g^T H^-1 g, with g the gradient. For
         a `rounding_share` above 0."""
         raise NotImplementedError
 
     # -- the mechanism ------------------------------------------------------------------------------------------------
 
-    def velocities(self, world: "World", motions: list[Motion], v: Number) -> Any:
+    def velocities(self, world: "World", motions: list[Motion], v: Number) -> U:
         """J v, of generalized velocities v (nv, B), at which the bodies of every bundle have these motions."""
         raise NotImplementedError
 
-    def on_bodies(self, impulse: Any) -> list[OnBodies]:
+    def on_bodies(self, impulse: U) -> list[OnBodies]:
         """The wrenches of J^T impulse."""
         return []
 
-    def on_joints(self, world: "World", impulse: Any) -> Number | None:
+    def on_joints(self, world: "World", impulse: U) -> Number | None:
         """The generalized forces (nv, B) of J^T impulse beside these wrenches."""
         return None
 
-    def inertia(self, G: Any) -> list[OnBodies]:
+    def inertia(self, G: H) -> list[OnBodies]:
         """J^T G J of what acts on single bodies, as Articulated inertias."""
         return []
 
@@ -167,26 +170,18 @@ class Term:
         terms may act on one velocity in this way. None for a term that acts in another."""
         return None
 
-    def columns(self, world: "World", G: Any) -> list[Columns]:
+    def columns(self, world: "World", G: H) -> list[Columns]:
         """L^T J of what acts between bodies; of a term that is_stiff, those of all impulses in their order."""
         return []
 
-    def over_L(self, impulse: Any) -> Number:
-        """L^-1 impulse, of a term that is_stiff and columns."""
-        raise NotImplementedError
-
-    def times_L(self, s: Number) -> Number:
-        """L s."""
-        raise NotImplementedError
-
     # -- results ------------------------------------------------------------------------------------------------------
 
-    def results(self, state: MechanismState, impulse: Any) -> list[jax.Array]:
+    def results(self, state: MechanismState, impulse: U) -> list[jax.Array]:
         """The impulses as arrays (k, B), of a term whose impulses are part of what the step returns."""
         return []
 
 
-class Rows(Term):
+class Rows(Term[Number, Number]):
     """A Term whose velocities and impulses are numbers (m, B), each on a row of J of its own: G is diagonal.
 
     One that has columns declares R, how much an impulse changes its velocity: 1 / G where G is not zero.
@@ -204,9 +199,3 @@ class Rows(Term):
     def bound(self, G: Number, x: Number) -> Number:
         is_stiff = high(G) > 0
         return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
-
-    def over_L(self, impulse: Number) -> Number:
-        return impulse * self.R.sqrt()
-
-    def times_L(self, s: Number) -> Number:
-        return s / self.R.sqrt()

@@ -120,7 +120,8 @@ class World:
     def of_states(self, n: int) -> "World":
         """The same in n states, of which the caller has all numbers."""
         other = copy.copy(self)
-        other.state = self.state.of_size(n)
+        other.state = copy.copy(self.state)
+        other.state.n = n
         return other
 
     # -- generalized velocities ---------------------------------------------------------------------------------------
@@ -265,7 +266,22 @@ class World:
     @functools.cached_property
     def units(self) -> "Units":
         """The Units of a mechanism with mimics."""
-        return _units_of(self)
+        state = self.state
+        n, nv = state.n, state.topology.nv
+        wide = self.of_states(n * nv)
+        wide.bodies = tiled(self.bodies, n, nv)
+        wide.state.fields = {**state.fields, "mimics": tiled(state.fields["mimics"], n, nv)}
+        (v,) = wide.state.numbers(jnp.repeat(jnp.eye(nv, dtype=state.dtype), n, axis=1)[:, None])
+        (motions,) = wide.motions(v)
+        A = stacking.mapped(lambda w: w.reshape((nv, nv, n)), wide.generalized(wide.momenta(motions, v)))
+        diagonal = stacking.concatenated([stacking.mapped(lambda w, i=i: w[i, i][None], A) for i in range(nv)])
+        roots = [
+            (state.topology.v_starts[i], state.of_bodies([i], [x.R for x in self.bodies], state.world.R))
+            for b, body in zip(state.bundles, self.bodies, strict=True)
+            if has_floating_roots(b) and not body.turns
+            for i in b.bodies.ravel().tolist()
+        ]
+        return Units(wide, v, motions, A, diagonal, roots)
 
     @functools.cached_property
     def composites(self) -> list[Inertia]:
@@ -297,19 +313,16 @@ class World:
         another point alike. Velocities of floating roots count along the axes of the world. So how hard contacts are
         does not depend on which numbers are known while tracing.
         """
-        bodies = [
-            self._as_along_world(body) if has_floating_roots(b) and not body.turns else body
-            for b, body in zip(self.state.bundles, self.bodies, strict=True)
-        ]
+        bodies = list(self.bodies)
+        for k, (b, body) in enumerate(zip(self.state.bundles, self.bodies, strict=True)):
+            if has_floating_roots(b) and not body.turns:
+                # The resistance is the diagonal along these axes.
+                turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
+                squares = [Vector(*(x * x for x in row)) for row in body.R]
+                resistance = tuple(dot(x, own) for own in (turning, moving) for x in squares)
+                bodies[k] = body._replace(S=self._along_world, resistance=resistance)
         both = [(body.S, body.r, d) for body, d in zip(bodies, self.diagonal_by_bundle(bodies), strict=True)]
         return recursion.outward(self.state, _mobility, articulated.none(self.state.known(0.0)), both)
-
-    def _as_along_world(self, body: Bodies) -> Bodies:
-        """A floating root with velocities along the axes of the world; its resistance is the diagonal in these."""
-        turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
-        squares = [Vector(*(x * x for x in row)) for row in body.R]
-        resistance = tuple(dot(x, own) for own in (turning, moving) for x in squares)
-        return body._replace(S=self._along_world, resistance=resistance)
 
     def relative_mobility(self, ends: Ends, arm_b: Vector, arm_a: Vector) -> tuple[Articulated, Articulated]:
         """J D^-1 J^T of the motion of bodies b for observers on bodies a, about points: numbers (n, B); and the same as
@@ -352,7 +365,7 @@ class World:
 # -- steps of passes over the tree ------------------------------------------------------------------------------------
 
 
-def _placed(frame: Any, R_P: Matrix) -> tuple[tuple[Matrix, Vector], Matrix]:
+def _placed(frame, R_P: Matrix) -> tuple[tuple[Matrix, Vector], Matrix]:
     """((R, r) of a body, R)."""
     placement, joint, is_root = frame
     X_PB = across(placement, joint)
@@ -360,7 +373,7 @@ def _placed(frame: Any, R_P: Matrix) -> tuple[tuple[Matrix, Vector], Matrix]:
     return (R, matrices.zero_at_root(is_root, R_P @ X_PB.p)), R
 
 
-def _velocity(body: Any, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
+def _velocity(body, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
     S, r, fields = body
     found = []
     for V, x in zip(parent, fields, strict=True):
@@ -371,7 +384,7 @@ def _velocity(body: Any, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
     return tuple(found), tuple(found)
 
 
-def _at_joint(link: Any, children: Wrench) -> tuple[Numbers, Wrench]:
+def _at_joint(link, children: Wrench) -> tuple[Numbers, Wrench]:
     """(the forces at a joint, the wrench on its body and all that hang on it, about the parent's origin)."""
     S, r, (on_body, on_joint) = link
     F = on_body + children
@@ -384,7 +397,7 @@ def _composite(body: tuple[Inertia, Vector], children: Inertia) -> tuple[Inertia
     return M, Inertia(M.mass, M.com + body[1], M.central)
 
 
-def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]:
+def _mobility(body, parent: Articulated) -> tuple[Articulated, Articulated]:
     S, r, diagonal = body
     whole = articulated.shifted(parent, r)
     for s, d in zip(S, diagonal, strict=True):
@@ -393,7 +406,7 @@ def _mobility(body: Any, parent: Articulated) -> tuple[Articulated, Articulated]
     return whole, whole
 
 
-def _reached(body: Any, parent: tuple[Vector, Number]) -> tuple[Any, Any]:
+def _reached(body, parent: tuple[Vector, Number]) -> tuple[Any, Any]:
     r, is_root = body
     root, arms = parent
     reach = (r, arms) if is_root else (root, arms + _norm_1(r))
@@ -435,7 +448,7 @@ class Units(NamedTuple):
             each = stacking.mapped(lambda w: jnp.moveaxis(w.reshape((m, nv, n)), 1, 0), each)
             return jax.tree.map(self._along_world, each, is_leaf=is_number)
 
-        def total(V: Motion) -> Articulated:
+        def summed(V: Motion) -> Articulated:
             sums = jax.tree.map(stacking.pairwise_sum, (square(V.v), square(V.w)), is_leaf=is_number)
             return Articulated(sums[0], articulated.none(state.known(0.0)).F, sums[1])
 
@@ -448,14 +461,15 @@ class Units(NamedTuple):
         is_none = high(D) <= 0
         scale = where(is_none, 0.0, 1 / where(is_none, 1.0, D))
         V_b, V_a = by_velocity(ends.b, arm_b), by_velocity(ends.a, arm_a)
-        return total(V_b - V_a), total(V_b) + total(V_a)
+        return summed(V_b - V_a), summed(V_b) + summed(V_a)
 
     def _along_world(self, x: Number) -> Number:
         """Numbers (nv, m, B) of each velocity as those of velocities of roots along the axes of the world."""
         for start, R in self.roots:
             wide = stacking.mapped(lambda w: w[:, None], R)
             for k in (start, start + 3):
-                x = _with_rows(x, k, wide @ Vector(*(_row(x, k + i) for i in range(3))))
+                rows = (stacking.mapped(lambda w, i=i: w[i : i + 1], x) for i in range(k, k + 3))
+                x = _with_rows(x, k, wide @ Vector(*rows))
         return x
 
     def _diagonal_along_world(self) -> Number:
@@ -463,43 +477,18 @@ class Units(NamedTuple):
         x = self.diagonal
         for start, R in self.roots:
             for k in (start, start + 3):
-                block = [Vector(*(_entry(self.A, k + i, k + j) for j in range(3))) for i in range(3)]
+                block = [
+                    Vector(*(stacking.mapped(lambda w, i=i, j=j: w[i, j][None], self.A) for j in range(k, k + 3)))
+                    for i in range(k, k + 3)
+                ]
                 x = _with_rows(x, k, Vector(*(dot(r, Vector(*(dot(own, r) for own in block))) for r in R)))
         return x
-
-
-def _row(x: Number, k: int) -> Number:
-    """Row k of several, as one row."""
-    return stacking.mapped(lambda w: w[k : k + 1], x)
-
-
-def _entry(x: Number, i: int, j: int) -> Number:
-    return stacking.mapped(lambda w: w[i, j][None], x)
 
 
 def _with_rows(x: Number, k: int, new: Vector) -> Number:
     """With rows k, k + 1 and k + 2 in their place."""
     before, behind = (stacking.mapped(lambda w, own=own: w[own], x) for own in (slice(k), slice(k + 3, None)))
     return stacking.concatenated([before, *new, behind])
-
-
-def _units_of(world: World) -> Units:
-    state = world.state
-    n, nv = state.n, state.topology.nv
-    wide = world.of_states(n * nv)
-    wide.bodies = tiled(world.bodies, n, nv)
-    wide.state.fields = {**state.fields, "mimics": tiled(state.fields["mimics"], n, nv)}
-    (v,) = wide.state.numbers(jnp.repeat(jnp.eye(nv, dtype=state.dtype), n, axis=1)[:, None])
-    (motions,) = wide.motions(v)
-    A = stacking.mapped(lambda w: w.reshape((nv, nv, n)), wide.generalized(wide.momenta(motions, v)))
-    diagonal = stacking.concatenated([stacking.mapped(lambda w, i=i: w[i, i][None], A) for i in range(nv)])
-    roots = [
-        (state.topology.v_starts[i], state.of_bodies([i], [x.R for x in world.bodies], state.world.R))
-        for b, body in zip(state.bundles, world.bodies, strict=True)
-        if has_floating_roots(b) and not body.turns
-        for i in b.bodies.ravel().tolist()
-    ]
-    return Units(wide, v, motions, A, diagonal, roots)
 
 
 # -- rows -------------------------------------------------------------------------------------------------------------

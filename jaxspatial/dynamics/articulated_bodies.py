@@ -89,13 +89,21 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
     eliminated = recursion.inward(state, _eliminate, nothing, list(zip(bodies, biases, floating, strict=True)))
     both = [(link, bias.c, e) for (link, _), bias, e in zip(bodies, biases, eliminated, strict=True)]
     vdot = recursion.outward(state, _accelerate, Motion(zero, gravity), both)
-    factors = [_packed(e.matrix) if isinstance(e, FloatingElimination) else [(x.U, x.D) for x in e] for e in eliminated]
+    factors = list[Factors]()
+    for e in eliminated:
+        if isinstance(e, FloatingElimination):
+            # As one number (L, 21, W, B), for other programs.
+            entries = jax.tree.leaves(e.matrix, is_leaf=is_number)
+            shape = check.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries))
+            factors.append(stacking.stacked(entries, shape, 1))
+        else:
+            factors.append([(x.U, x.D) for x in e])
     return state.by_velocity(vdot), factors
 
 
 def _by_matrix(state: MechanismState, M: Number, links: list[Link], bias: Number | float = 0.0) -> jax.Array:
     """M^-1 (tau - bias)."""
-    return state.rounded(matrices.solved(M, state.of_independent_joints([link.tau for link in links]) - bias))
+    return state.rounded(matrices.inverse_times(M, state.of_independent_joints([link.tau for link in links]) - bias))
 
 
 def has_floating_roots(bundle: Bundle) -> bool:
@@ -118,7 +126,9 @@ def _bias_to_parent(body: tuple[Link, Factors], Z: Wrench) -> tuple[Eliminated, 
     """([Elimination of each velocity], the bias force about the parent's origin), from the children's bias force Z."""
     link, factors = body
     if not isinstance(factors, list):
-        return FloatingElimination(_unpacked(factors), None, _wrench(link.tau) - Z), Z
+        each = [stacking.mapped(lambda w, k=k: w[k], factors) for k in range(shape_of(factors)[0])]
+        matrix = Articulated(Symmetric(*each[:6]), Matrix.of_entries(each[6:15]), Symmetric(*each[15:]))
+        return FloatingElimination(matrix, None, _wrench(link.tau) - Z), Z
     eliminated, Z = bias_beyond_joint(Z, link.joint.subspace, factors, link.tau)
     return eliminated, algebra.acted_wrench(link.X_PB, Z)
 
@@ -170,8 +180,12 @@ def _eliminate(
     # Without accelerations, the rotors of joints that turn their axes take a part.
     tau = tuple(x - y for x, y in zip(link.tau, link.rotor_forces, strict=True))
     if is_floating:
-        u = _wrench(tau) - rest.Z
-        return FloatingElimination(_with_armature(rest.P, link.armature), rest.P, u), rest
+        u, armature = _wrench(tau) - rest.Z, (link.armature[:3], link.armature[3:])
+        J, M = (
+            Symmetric(xx + a, xy, yy + b, xz, yz, zz + c)
+            for (xx, xy, yy, xz, yz, zz), (a, b, c) in zip((rest.P.J, rest.P.M), armature, strict=True)
+        )
+        return FloatingElimination(Articulated(J, rest.P.F, M), rest.P, u), rest
     eliminated: list[Elimination] = []
     for s, force, armature in zip(link.joint.subspace, tau, link.armature, strict=True):
         rest, elimination = without_velocity(rest, s, force, armature)
@@ -179,27 +193,6 @@ def _eliminate(
     X_PB = link.X_PB
     P = articulated.shifted(articulated.reexpressed(rest.P, X_PB.R), -X_PB.p)
     return eliminated, ArticulatedBody(P, algebra.acted_wrench(X_PB, rest.Z))
-
-
-def _with_armature(P: Articulated, armature: Numbers) -> Articulated:
-    """P with armature on its diagonal."""
-    J, M = (
-        Symmetric(xx + a, xy, yy + b, xz, yz, zz + c)
-        for (xx, xy, yy, xz, yz, zz), (a, b, c) in zip((P.J, P.M), (armature[:3], armature[3:]), strict=True)
-    )
-    return Articulated(J, P.F, M)
-
-
-def _packed(P: Articulated) -> Number:
-    """P, of numbers (L, W, B), as one number (L, 21, W, B), for other programs."""
-    entries = jax.tree.leaves(P, is_leaf=is_number)
-    return stacking.stacked(entries, check.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries)), 1)
-
-
-def _unpacked(entries: Number) -> Articulated:
-    """P of one body, from entries (21, W, B)."""
-    each = [stacking.mapped(lambda w, k=k: w[k], entries) for k in range(shape_of(entries)[0])]
-    return Articulated(Symmetric(*each[:6]), Matrix.of_entries(each[6:15]), Symmetric(*each[15:]))
 
 
 def without_velocity(

@@ -68,10 +68,13 @@ def _matrices(state: MechanismState, v: Array | None, vdot: Array | None, extern
     body_loads = loads(state, external_forces, _turning)
     links = state.links(v, vdot)
     motions = recursion.outward(state, motion_step, world_motion(state), links)
-    composites = _composites(state, links, motions, body_loads)
+    zero, world = state.zero_vector, state.world
+    zeros = Matrix(zero, zero, zero)
+    nothing = CompositeBody(state.zero_inertia, Wrench(zero, zero), zeros, zero, zeros, zero)
+    bodies = list(zip(links, motions, body_loads, strict=True))
+    composites = recursion.inward(state, _composite_step, nothing, bodies, join=_as_one)
     bodies = [(link, motion, b.is_on_world) for link, motion, b in zip(links, motions, state.bundles, strict=True)]
-    world = state.world
-    placed = recursion.outward(state, _from_root, (world.R, world.p, state.zero_vector), bodies)
+    placed = recursion.outward(state, _from_root, (world.R, world.p, zero), bodies)
     subspaces = [stacking.stacked_trees(link.joint.subspace) for link in links]
     sides = list(map(_in_world_axes, subspaces, links, motions, composites, placed))
     rows, columns = ([(b.kind.nv, x[side]) for b, x in zip(state.bundles, sides, strict=True)] for side in (0, 1))
@@ -95,17 +98,6 @@ class CompositeBody(NamedTuple):
     p: Vector
     load_rate: Matrix
     load: Vector
-
-
-def _composites(
-    state: MechanismState, links: list[Link], motions: list[BodyMotion], body_loads: list[Load]
-) -> list[CompositeBody]:
-    """The CompositeBody of the subtree of every bundle."""
-    bodies = list(zip(links, motions, body_loads, strict=True))
-    zero = state.zero_vector
-    zeros = Matrix(zero, zero, zero)
-    nothing = CompositeBody(state.zero_inertia, Wrench(zero, zero), zeros, zero, zeros, zero)
-    return recursion.inward(state, _composite_step, nothing, bodies, join=_as_one)
 
 
 def _turning(tau: Vector, f: Vector, r: Vector, in_world: bool) -> tuple[Matrix, Vector]:
@@ -274,21 +266,19 @@ def _with_turning(state: MechanismState, links: list[Link], by_v: Number) -> Num
     # The first velocity of the joint of each row.
     starts = np.array([t.v_starts[i] for i in range(len(t)) if not t.is_mimic(i) for _ in range(t.kind(i).nv)])
     for m in range(max((b.kind.nv for b in state.bundles if b.kind.turned), default=0)):
-        rates = [_rates_of_turning(link, m) for link in links]
+        # The derivatives by velocity m of each joint, known zeros where it has no such.
+        rates = list[Numbers]()
+        for link in links:
+            kind, v = link.joint.kind, link.v
+            unit = tuple(numbers.constant(kind.zero, int(k == m)) for k in range(len(v)))
+            both = zip(link.armature, kind.transport(unit, v), kind.transport(v, unit), strict=True)
+            rates.append(tuple(a * (x + y) for a, x, y in both))
         if all(is_constant(x) and x.value == 0 for each in rates for x in each):
             continue
         column = state.of_independent_joints(rates)
         is_here = jnp.asarray((np.arange(len(starts)) == starts[:, None] + m)[:, :, None])
         by_v = numbers.where(is_here, by_v + stacking.mapped(lambda w: w[:, None], column), by_v)
     return by_v
-
-
-def _rates_of_turning(link: Link, m: int) -> Numbers:
-    """The derivatives of armature (w x v) of a joint by its velocity m, known zeros where it has no such."""
-    kind, v = link.joint.kind, link.v
-    unit = tuple(numbers.constant(kind.zero, int(k == m)) for k in range(len(v)))
-    rates = zip(link.armature, kind.transport(unit, v), kind.transport(v, unit), strict=True)
-    return tuple(a * (x + y) for a, x, y in rates)
 
 
 def _by_coordinates(state: MechanismState, matrix: Number) -> Number:
@@ -299,20 +289,19 @@ def _by_coordinates(state: MechanismState, matrix: Number) -> Number:
         bodies = joints.bundle.own_bodies
         of_bodies = [np.array(t.v_starts)[bodies] + k for k in range(joints.kind.nv)]
         by_velocity = [stacking.mapped(lambda w, v=v: stacking.rows(w, v), rows_by_velocity) for v in of_bodies]
-        columns += by_velocity if joints.velocities_are_rates else _along_rates(joints.dq_dt_of_units(), by_velocity)
+        kind = joints.kind
+        if kind.nq == kind.nv and not kind.rates_need_angles:  # dq/dt = v
+            columns += by_velocity
+        else:
+            # dq/dt = G v, where the columns g of G are orthogonal, those of quaternions too: v = G^+ dq/dt, with rows
+            # g / |g|^2.
+            units = (tuple(state.known(float(i == k)) for i in range(kind.nv)) for k in range(kind.nv))
+            inverse = [tuple(each(operator.mul, [1 / dot(g, g)] * len(g), g)) for g in joints.dq_dt(*units)]
+            # Numbers (1, joints, B) beside rows (joints, n, B).
+            lifted = ([matrices.transposed(x) for x in row] for row in zip(*inverse, strict=True))
+            columns += [dot(row, by_velocity) for row in lifted]
         places += [np.array(t.q_starts)[bodies] + c for c in range(joints.kind.nq)]
     if not columns:
         return state.zeros(t.nv, t.nq)
     order = np.argsort(np.concatenate(places))
     return matrices.transposed(stacking.mapped(lambda w: stacking.rows(w, order), stacking.concatenated(columns)))
-
-
-def _along_rates(G: list[Numbers], by_velocity: list[Number]) -> list[Number]:
-    """Converts columns by velocity to columns by coordinate.
-
-    dq/dt = G v, where the columns g of G are orthogonal, those of quaternions too: v = G^+ dq/dt, with rows g / |g|^2.
-    """
-    inverse = [tuple(each(operator.mul, [1 / dot(g, g)] * len(g), g)) for g in G]
-    # Numbers (1, joints, B) beside rows (joints, n, B).
-    lifted = ([matrices.transposed(x) for x in row] for row in zip(*inverse, strict=True))
-    return [dot(row, by_velocity) for row in lifted]

@@ -1,5 +1,6 @@
 """External forces: from the points and axes in which they are given to the bodies that they act on."""
 
+import functools
 import operator
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -138,14 +139,11 @@ def _wrenches_of(state: MechanismState, group: WrenchesOnFrames) -> Wrench:
 
 def _sums(on_bodies: list[tuple[list[int], T]]) -> dict[int, T]:
     """The sum on each body of trees of numbers (n, B), a row for each of n bodies, which may come several times."""
-
-    def added(a: T, b: T) -> T:
-        return jax.tree.map(operator.add, a, b, is_leaf=is_number)
-
     by_body: dict[int, list[T]] = {}
     for bodies, tree in on_bodies:
         for i, body in enumerate(bodies):
             by_body.setdefault(body, []).append(_row(tree, i) if len(bodies) > 1 else tree)
+    added = functools.partial(jax.tree.map, operator.add, is_leaf=is_number)
     return {body: of_neighbours(added, trees) for body, trees in by_body.items()}
 
 

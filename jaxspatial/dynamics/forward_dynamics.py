@@ -102,7 +102,8 @@ class ForwardDynamics(Algorithm):
         vdot, *factors = bind(self.program_of(_with_factors), primals, n_batch)
         at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
         (tau_dot,) = self.program_of(inverse_dynamics_of, at=tau).tangents(at, moving, n_batch)
-        force = plus(self.tangent_of_leaf(tangents, tau), minus(tau_dot))
+        of_tau = None if self.known[tau] is not None else tangents[self.place(tau)]
+        force = less(None if of_tau is None or is_zero(of_tau) else of_tau, tau_dot)
         if force is None:
             return [no_tangent(primals[-1])]
         solve = self.program_of(_solve, arrays=2 + len(factors))
@@ -126,7 +127,7 @@ class Solve(Algorithm):
         *at, force = primals
         n = self.place(self.n_fields + 1)
         (tau_dot,) = self.program_of(_mass_times, arrays=2).tangents([*at[:n], a], [*tangents[:n], None], n_batch)
-        force = plus(None if is_zero(tangents[-1]) else tangents[-1], minus(tau_dot))
+        force = less(None if is_zero(tangents[-1]) else tangents[-1], tau_dot)
         return [a], [no_tangent(a) if force is None else bind(self, [*at, force], n_batch)[0]]
 
     def batched(
@@ -167,13 +168,9 @@ class OverColumns(program.Program):
         return [jnp.moveaxis(x, 0, 1)]
 
 
-def plus(a: jax.Array | None, b: jax.Array | None):
-    """The sum of two tangents; None stands for zero."""
-    return a if b is None else b if a is None else a + b
-
-
-def minus(a: jax.Array | None):
-    return None if a is None else -a
+def less(a: jax.Array | None, b: jax.Array | None):
+    """The difference of two tangents; None stands for zero."""
+    return a if b is None else -b if a is None else a + -b
 
 
 @algorithm(*DYNAMICS, *FRAMES, program_class=ForwardDynamics, result_shape=velocity_shape)

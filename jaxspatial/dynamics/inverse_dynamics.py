@@ -292,7 +292,7 @@ def _with_loops(
 class InverseDynamics(Algorithm):
     """The program of `inverse_dynamics_of`; nv or more (co)tangents at one state use closed-form Jacobians."""
 
-    def jacobians(self, moving: tuple[bool, ...], n_columns: int) -> Any:
+    def jacobians(self, moving: tuple[bool, ...], n_columns: int):
         # Whether q, v and vdot are among the arguments that move.
         leaves = jax.tree.unflatten(self.tree, range(self.tree.num_leaves))[1][:3]
         wanted = tuple(i is not None and self.known[i] is None and moving[self.place(i)] for i in leaves)
@@ -334,7 +334,9 @@ def _weld_reactions(
     for k, frame, frames, joints in welds:
         X_JC = state.frame_placements((frame,))
         motion = state.of_bodies(state.topology.bodies_of([frame]), motions, world_motion(state))
-        F = wrench_of(algebra.acted_inertia(X_JC, state.weld_inertia(k)), motion)
+        # Of what is welded behind the joint, in the axes of the frame that it holds.
+        welded = state.inertia_at("weld_inertias", np.array([k]))
+        F = wrench_of(algebra.acted_inertia(X_JC, welded), motion)
         for i in joints:
             F = F + state.of_bodies([i], about_parents, F)
         for _, load in (x for x in at_frames if x[0] in frames):

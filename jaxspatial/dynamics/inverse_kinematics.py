@@ -122,13 +122,13 @@ def inverse_kinematics(
     of_jax: Any = key
     seeds = [] if key is None else [jax.random.key_data(jax.random.split(of_jax, batch))]
 
-    def solved(q, flat, seeds) -> InverseKinematics:
+    def of_one(q, flat, seeds) -> InverseKinematics:
         keys = [jax.random.wrap_key_data(x, impl=jax.random.key_impl(of_jax)) for x in seeds]
         task = _Task(mechanism, [frames] if isinstance(frames, str) else list(frames), flat, precision)
-        found = _solved(task, q, keys[0] if keys else None, starts, iterations, _Tolerances(angle, distance))
+        found = _moved_to_targets(task, q, keys[0] if keys else None, starts, iterations, angle, distance)
         return found._replace(error=found.error.at_batch(0)) if isinstance(frames, str) else found
 
-    return over_batch(solved, start, flat, seeds)
+    return over_batch(of_one, start, flat, seeds)
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------
@@ -148,13 +148,6 @@ def _targets(targets, frames, q) -> tuple[list, tuple[int, ...]]:
         raise ValueError(f"{what}: expected a batch (*batch, {len(frames)}) for {len(frames)} frames, got {shape}")
     batch = shape[: len(shape) - len(n)]
     return [x.reshape(*batch, -1) for x in arrays], batch
-
-
-class _Tolerances(NamedTuple):
-    """Of the angle, rad, and of the distance, m."""
-
-    angle: float
-    distance: float
 
 
 # -- one state --------------------------------------------------------------------------------------------------------
@@ -212,9 +205,7 @@ class _Task(NamedTuple):
         return dq * jnp.minimum(1.0, _LONGEST / jnp.maximum(turn, _LONGEST)).astype(dq.dtype)
 
     def moved(self, q, dq) -> jax.Array:
-        return self.inside(integrate(self.mechanism, q, dq, precision=self.precision))
-
-    def inside(self, q) -> jax.Array:
+        q = integrate(self.mechanism, q, dq, precision=self.precision)
         return jnp.clip(q, *self._limits(q))
 
     def _limits(self, q) -> list[jax.Array]:
@@ -242,7 +233,7 @@ def _least_motion(A: jax.Array, error: jax.Array, damping: jax.Array) -> jax.Arr
     wide = A.astype(A.dtype if A.dtype.itemsize > 2 else np.float32)
     e, shift = error.astype(wide.dtype), jnp.maximum(damping.astype(wide.dtype), jnp.finfo(wide.dtype).tiny ** 0.5)
 
-    def solved(square: jax.Array, b: jax.Array) -> jax.Array:
+    def solve(square: jax.Array, b: jax.Array) -> jax.Array:
         factor = jnp.linalg.cholesky(square + shift * jnp.eye(len(square), dtype=wide.dtype))
         return jax.scipy.linalg.cho_solve((factor, True), b)
 
@@ -250,8 +241,8 @@ def _least_motion(A: jax.Array, error: jax.Array, damping: jax.Array) -> jax.Arr
         return jnp.matmul(x, y, precision="highest")
 
     if len(A) <= A.shape[1]:
-        return times(wide.T, solved(times(wide, wide.T), e)).astype(A.dtype)
-    return solved(times(wide.T, wide), times(wide.T, e)).astype(A.dtype)
+        return times(wide.T, solve(times(wide, wide.T), e)).astype(A.dtype)
+    return solve(times(wide.T, wide), times(wide.T, e)).astype(A.dtype)
 
 
 class _State(NamedTuple):
@@ -264,13 +255,16 @@ class _State(NamedTuple):
     iterations: jax.Array
 
 
-def _solved(task: _Task, q, key, starts: int, iterations: int, tolerances: _Tolerances) -> InverseKinematics:
+def _moved_to_targets(
+    task: _Task, q, key, starts: int, iterations: int, angle: float, distance: float
+) -> InverseKinematics:
+    """`inverse_kinematics` of one state. angle, distance: the tolerances."""
     mechanism, start, flat = fixed((task.mechanism, q, task.flat))
     held = task._replace(mechanism=mechanism, flat=flat)
 
     def size(e: SpatialVelocity) -> jax.Array:
         turn, way = (jnp.sqrt(jnp.max(jnp.sum(x * x, -1))) for x in (jnp.asarray(e.w), jnp.asarray(e.v)))
-        largest = jnp.maximum(turn / tolerances.angle, way / tolerances.distance)
+        largest = jnp.maximum(turn / angle, way / distance)
         return jnp.where(jnp.isnan(largest), np.inf, largest).astype(way.dtype)
 
     def nearer(state: _State) -> _State:
@@ -290,10 +284,7 @@ def _solved(task: _Task, q, key, starts: int, iterations: int, tolerances: _Tole
     error = held.error(start)
     state = _State(start, error, start, size(error), jnp.zeros((), np.int32))
 
-    def is_going_on(state: _State) -> jax.Array:
-        return ~(state.size <= 1) & (state.iterations < starts * iterations)
-
-    state = lax.while_loop(is_going_on, nearer, state)
+    state = lax.while_loop(lambda x: ~(x.size <= 1) & (x.iterations < starts * iterations), nearer, state)
     # One step more has the derivatives of the motion that follows targets, and of no value.
     followed = task.moved(state.best, task.step(state.best, task.error(state.best), to_be_differentiated=True))
     q = valued(followed, state.best)

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.dynamics.bounds import ALGORITHM
-from jaxspatial.dynamics.kinematics import at_carrier, carrying, of_carriers, poses, velocities, velocity_in_world
+from jaxspatial.dynamics.kinematics import at_carrier, of_carriers, poses, velocities, velocity_in_world
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
@@ -107,7 +107,7 @@ def _for_each(frames: int | tuple[int, ...], function: Callable[[int], jax.Array
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _jacobian(state: MechanismState, *, frames: int | tuple[int, ...]):
-    state = carrying(state, frames)
+    state = state.carrying(frames)
     placed = poses(state)
 
     def of_frame(frame: int) -> jax.Array:
@@ -131,7 +131,7 @@ def _origin(state: MechanismState, frame: int, placed: list[Pose]) -> Pose:
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _jacobian_rate(state: MechanismState, v: Array, *, frames: int | tuple[int, ...]):
-    state = carrying(state, frames)
+    state = state.carrying(frames)
     moving = list(zip(poses(state), velocities(state, v), strict=True))
     at_rest = Motion(state.zero_vector, state.zero_vector)
 

@@ -152,11 +152,6 @@ def _pose(link: tuple[Pose, JointState], X_WP: Pose) -> tuple[Pose, Pose]:
     return X_WJ, X_WJ
 
 
-def carrying(state: MechanismState, frames: Frames) -> MechanismState:
-    """The state, for recursions that compute only the bodies which carry these frames."""
-    return state if frames is None else state.carrying((frames,) if isinstance(frames, int) else frames)
-
-
 def at_carrier(state: MechanismState, frame: int, results: list[T], at_world: T) -> T:
     """The result for the body that carries a frame, from those for every bundle."""
     return state.of_bodies(state.topology.bodies_of([frame]), results, at_world)
@@ -183,7 +178,7 @@ def _of_frames(
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _forward_kinematics(state: MechanismState, *, frames: Frames):
-    state = carrying(state, frames)
+    state = state.carrying(frames)
     return _of_frames(state, frames, _pose_in_world, [()] * len(state.bundles), ())
 
 
@@ -240,7 +235,7 @@ class JacobianTransposed(Pullback):
 
 def _forces_of_wrench(state: MechanismState, frame: int, F_F_W: Wrench) -> jax.Array:
     """J^T F (nv, B), of a wrench on one frame."""
-    state = carrying(state, frame)
+    state = state.carrying(frame)
     placed = matrices.poses_from_root(state)
     p_F = composed(at_carrier(state, frame, placed, state.world), state.frame_placements((frame,))).p
     forces, (tau, f) = list[Numbers](), F_F_W
@@ -264,7 +259,7 @@ def of_carriers(state: MechanismState, bundle: Bundle, frame: int, numbers: Numb
 
 @algorithm(*GEOMETRY, *FRAMES, program_class=BodyVelocities)
 def _body_velocities(state: MechanismState, v: Array, *, frames: Frames):
-    state, at_rest = carrying(state, frames), Motion(state.zero_vector, state.zero_vector)
+    state, at_rest = state.carrying(frames), Motion(state.zero_vector, state.zero_vector)
     return _of_frames(state, frames, velocity_in_world, velocities(state, v), at_rest)
 
 
@@ -334,7 +329,7 @@ def acceleration_at(motion: BodyMotion, p: Vector) -> Vector:
 
 @algorithm(*GEOMETRY, *FRAMES)
 def _body_accelerations(state: MechanismState, v: Array, vdot: Array, *, frames: Frames):
-    state, at_rest = carrying(state, frames), BodyMotion(*(state.zero_vector,) * 3)
+    state, at_rest = state.carrying(frames), BodyMotion(*(state.zero_vector,) * 3)
     motions = recursion.outward(state, motion_step, at_rest, state.links(v, vdot))
     return _of_frames(state, frames, _acceleration_in_world, motions, at_rest)
 

@@ -1,5 +1,6 @@
 """Derivatives of inverse and forward dynamics with respect to configuration, velocities, accelerations and forces."""
 
+import functools
 from typing import NamedTuple
 
 import jax
@@ -106,22 +107,20 @@ def inverse_dynamics_derivatives(
 def _column_by_column(mechanism: Mechanism, q, v, vdot, forces, precision: PrecisionName) -> InverseDynamicsDerivatives:
     """The derivatives of `inverse_dynamics` as JAX takes them: where S depends on q there is no closed form."""
 
-    def torques(step, v, vdot) -> jax.Array:
+    at = jnp.zeros_like(v), v, vdot
+
+    def torques(k: int, x: jax.Array) -> jax.Array:
+        step, v, vdot = (x if i == k else y for i, y in enumerate(at))
         moved = integrate(mechanism, q, step, precision=precision)
         return inverse_dynamics(mechanism, moved, v, vdot, forces, precision=precision)
 
-    at = jnp.zeros_like(v), v, vdot
+    def column(k: int, unit: jax.Array) -> jax.Array:
+        along = jnp.broadcast_to(unit, at[k].shape)
+        return jax.jvp(functools.partial(torques, k), (jnp.asarray(at[k]),), (along,))[1]
 
-    def matrix(k: int) -> jax.Array:
-        def column(unit: jax.Array) -> jax.Array:
-            def along(x) -> jax.Array:
-                return torques(*[x if i == k else y for i, y in enumerate(at)])
-
-            return jax.jvp(along, (jnp.asarray(at[k]),), (jnp.broadcast_to(unit, at[k].shape),))[1]
-
-        return jax.vmap(column, out_axes=-1)(jnp.eye(mechanism.nv, dtype=q.dtype))
-
-    return InverseDynamicsDerivatives(*map(matrix, range(3)))
+    units = jnp.eye(mechanism.nv, dtype=q.dtype)
+    each = (jax.vmap(functools.partial(column, k), out_axes=-1)(units) for k in range(3))
+    return InverseDynamicsDerivatives(*each)
 
 
 def forward_dynamics_derivatives(

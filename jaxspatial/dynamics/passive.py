@@ -121,7 +121,7 @@ def passive_forces_or_none(
     names = ("stiffness", "damping", "friction_loss") if with_resistance else ("stiffness",)
     acts = [not is_nothing(getattr(mechanism, name)) for name in names]
     limits = (x for x in (mechanism.lower, mechanism.upper, mechanism.turn_limits) if x is not None)
-    acts.append(compliance.limit_stiffness is not None and not all(map(_is_infinite, limits)))
+    acts.append(compliance.limit_stiffness is not None and not all(map(is_infinite, limits)))
     forces = _forces(precision, mechanism, q, v, compliance, with_resistance=with_resistance) if any(acts) else None
     if rows := _rows_of_tendons(mechanism, np.dtype(q.dtype), compliance):
         places, numbers = zip(*rows, strict=True)
@@ -160,8 +160,9 @@ def is_nothing(x: Array):
     return isinstance(x, np.ndarray) and not x.any()
 
 
-def _is_infinite(x: Array):
-    return isinstance(x, np.ndarray) and np.isinf(x).all()
+def is_infinite(limits: Array) -> bool:
+    """Whether all limits are known to be none."""
+    return isinstance(limits, np.ndarray | np.generic) and bool(np.isinf(limits).all())
 
 
 def checked_compliance(mechanism: Mechanism, like, compliance: object):
@@ -234,8 +235,8 @@ def _positional(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[
         limits, softness = [fields["lower"], fields["upper"]], [compliance.limit_stiffness, compliance.limit_damping]
         if kind.name == Ball.name and (turn_limits := fields["turn_limits"]) is not None:
             largest = stacking.rows(turn_limits[:, None], joints.bundle.bodies)
-    has_limits = not all(_is_infinite(joints.part_of(x, over_velocities=False)) for x in limits)
-    largest = None if largest is None or _is_infinite(largest) else largest
+    has_limits = not all(is_infinite(joints.part_of(x, over_velocities=False)) for x in limits)
+    largest = None if largest is None or is_infinite(largest) else largest
     if not kind.nv or not (has_spring or has_limits or largest is not None):
         return []
     q, (on_sphere, n_turns) = joints.configuration(joints.state.q), kind.sphere
@@ -317,7 +318,7 @@ def _rows_of_tendons(mechanism: Mechanism, dtype: np.dtype, compliance: Complian
     rows = list[tuple[_Places, _Row]]()
     for tendon in mechanism.tendons:
         limits = one_array([tendon.lower, tendon.upper], dtype)
-        has_limits = compliance.limit_stiffness is not None and not _is_infinite(limits)
+        has_limits = compliance.limit_stiffness is not None and not is_infinite(limits)
         spring, damping = (one_array([x], dtype) for x in (tendon.stiffness, tendon.damping))
         if is_nothing(spring) and is_nothing(damping) and not has_limits:
             continue
@@ -376,7 +377,7 @@ def _tension(state: MechanismState, row: _Row, length: Number, rate: Number) -> 
         force = force - _number(state, row.stiffness, 0) * stretch
     if not is_nothing(row.damping):
         force = force - _number(state, row.damping, 0) * rate
-    if not _is_infinite(row.limits):
+    if not is_infinite(row.limits):
         force = force + _of_limits(state, row, length, rate)
     return force
 

@@ -174,10 +174,10 @@ def _external(operation: str, mechanism: Mechanism, forces) -> tuple[dict[str, A
 
 def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) -> tuple[dict[str, Any], Wrenches]:
     """`_external` of what is no list, and has this name in messages."""
-    what = f"{operation}: {argument}"
+    what, number = f"{operation}: {argument}", functools.partial(mechanism.topology.index, mechanism.frame_names)
     if isinstance(forces, AppliedForces):
         F = check.narrowed(forces)
-        frames = tuple(_frame_number(f"{what}: frames", mechanism, name) for name in F.frames)
+        frames = tuple(number(name, f"{what}: frames") for name in F.frames)
         if not frames:
             return {argument: F}, ()
         n, batch = len(frames), F.wrenches.batch_shape
@@ -188,7 +188,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) 
         expected = "SpatialForces in a dict by name of a frame, AppliedForces, or a list of these"
         raise TypeError(f"{what}: expected {expected}, got {type(forces).__name__}")
     by_name = cast(dict[str, Any], forces or {})
-    numbers = {name: _frame_number(what, mechanism, name) for name in by_name}
+    numbers = {name: number(name, what) for name in by_name}
     for name, F in by_name.items():
         if not isinstance(F, SpatialForce):
             raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
@@ -225,16 +225,13 @@ def _require_one_batch(arguments: dict[str, Any]) -> None:
         ) from None
 
 
-def _frame_number(what: str, mechanism: Mechanism, name: str) -> int:
-    return mechanism.topology.index(mechanism.frame_names, name, what)
-
-
 def _frame_numbers(what: str, mechanism: Mechanism, names) -> int | tuple[int, ...]:
+    number = functools.partial(mechanism.topology.index, mechanism.frame_names)
     if isinstance(names, str):
-        return _frame_number(what, mechanism, names)
+        return number(names, what)
     if not isinstance(names, Iterable):
         raise TypeError(f"{what}: expected the name of a frame, or a sequence of names, got {names!r}")
-    result = tuple(_frame_number(what, mechanism, name) for name in cast(Iterable[str], names))
+    result = tuple(number(name, what) for name in cast(Iterable[str], names))
     if not result:
         raise ValueError(f"{what}: expected at least one name, got none")
     return result
@@ -275,7 +272,8 @@ class Algorithm(Differentiable):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         state, others = self.state_of(arrays, program.n_states(arrays))
         results = self.formula(state, *others, **dict(self.static))
-        leaves, self.out_tree = jax.tree.flatten(jax.tree.map(state.rounded, results, is_leaf=_is_result))
+        rounded = jax.tree.map(state.rounded, results, is_leaf=lambda x: numbers.is_number(x) or is_vector(x))
+        leaves, self.out_tree = jax.tree.flatten(rounded)
         return [lax.transpose(y, (y.ndim - 1, *range(y.ndim - 1))) for y in leaves]
 
     def state_of(self, arrays: Sequence[jax.Array], n: int) -> tuple[MechanismState, list]:
@@ -344,11 +342,6 @@ class Algorithm(Differentiable):
         """The index of a leaf among the data."""
         return sum(x is None for x in self.known[:leaf])
 
-    def tangent_of_leaf(self, tangents: Sequence, leaf: int) -> jax.Array | None:
-        """The tangent of a leaf, None for zero."""
-        tangent = None if self.known[leaf] is not None else tangents[self.place(leaf)]
-        return None if tangent is None or is_zero(tangent) else tangent
-
     def with_leaf(self, data: Sequence, leaf: int, x) -> list:
         """The data with x in place of a leaf, which may be a constant of this program."""
         place = self.place(leaf)
@@ -361,10 +354,6 @@ class Algorithm(Differentiable):
             return [None]
         of_moving = [t for t, yes in zip(tangents, moving, strict=True) if yes]
         return program.bind(self.tangent(moving), [*primals, *of_moving], n_batch)
-
-
-def _is_result(x: object) -> bool:
-    return numbers.is_number(x) or (is_vector(x) and all(map(numbers.is_number, cast(Any, x))))
 
 
 # -- caches of programs -----------------------------------------------------------------------------------------------

@@ -243,7 +243,7 @@ def loop(b: Builder, start: int | Value, stop: int | Value, step: int = 1) -> It
     b.position_at_end(end)
 
 
-def joined(b: Builder, parts: list[Value]) -> Value:
+def one_vector(b: Builder, parts: list[Value]) -> Value:
     """One vector of several of equal length, a power of two of them."""
     while len(parts) > 1:
         n = 2 * parts[0].type.count
@@ -503,7 +503,9 @@ class Handler(Module):
         for x in code.results:
             self.sum_places.append(self.sum_bytes)
             self.sum_bytes += aligned(x.size * x.dtype.itemsize) if x.is_summed else 0
-        self.instantiate()
+        # What XLA calls when it makes an executable.
+        b, (frame,) = self.begin("instantiate", PTR, PTR, is_internal=False)
+        b.ret(b.call(self.external(Runtime.HOLD, PTR, [PTR, PTR]), [frame, self.holders]))
         self.handler()
 
     def copy(self, b: Builder, to: Value, of: Value, n_bytes: int | Value) -> None:
@@ -549,7 +551,7 @@ class Handler(Module):
                 parts = [
                     [b.load(place(i), align=n_bytes, typ=part) for i in range(k, width, group)] for k in range(group)
                 ]
-                for k, vector in enumerate(interleaved(b, [joined(b, x) for x in parts])):
+                for k, vector in enumerate(interleaved(b, [one_vector(b, x) for x in parts])):
                     b.store(vector, at(b, lane, k * n_bytes * width), align=min(LINE, n_bytes * width))
             else:
                 vectors = [
@@ -789,11 +791,6 @@ class Handler(Module):
             if not (x.is_shared if isinstance(x, Argument) else x.is_summed):
                 return field(b, field(b, buffer, BUFFER_DIMS), 0, I64)
         return integer(1)
-
-    def instantiate(self) -> None:
-        """What XLA calls when it makes an executable: (call frame)."""
-        b, (frame,) = self.begin("instantiate", PTR, PTR, is_internal=False)
-        b.ret(b.call(self.external(Runtime.HOLD, PTR, [PTR, PTR]), [frame, self.holders]))
 
     def handler(self) -> None:
         """What XLA calls: (call frame). It returns no error."""
@@ -1039,11 +1036,6 @@ _split_p.multiple_results = True
 _split_p.def_abstract_eval(lambda *_, name, sizes, avals: avals)
 
 
-def _factor(k: int) -> str:
-    """The name of the k-th factor of a sharding rule, from zero: i to z, then z_1, z_2 and so on."""
-    return "ijklmnopqrstuvwxyz"[k] if k < 18 else f"z_{k - 17}"
-
-
 def _lower_split(
     context: mlir.LoweringRuleContext,
     *arrays,
@@ -1052,7 +1044,8 @@ def _lower_split(
     avals: tuple[ShapedArray, ...],
 ):
     """A call whose first axis XLA may split, while no other axis of an array is split."""
-    factors = [_factor(1 + k) for k in range(len(sizes))]
+    # As the language of sharding rules has them: j to z, then z_1, z_2 and so on.
+    factors = ["jklmnopqrstuvwxyz"[k] if k < 17 else f"z_{k - 16}" for k in range(len(sizes))]
     axes = [f"[i, {factor}]" for factor in factors]
     operands, results, whole = ", ".join(axes[: len(arrays)]), ", ".join(axes[len(arrays) :]), ", ".join(factors)
     lengths = ", ".join(f"{factor}={size}" for factor, size in zip(factors, sizes, strict=True))

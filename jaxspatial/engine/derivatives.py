@@ -21,14 +21,14 @@ from jaxspatial.engine.program import (
     Traced,
     batch_axis_first,
     bind,
-    leave_out_unread,
     n_states,
     over_batch_of,
+    program_p,
     zeros,
 )
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import is_zero, no_tangent
-from jaxspatial.numerics.jax_internals import ad
+from jaxspatial.numerics.jax_internals import ad, partial_eval
 
 T = TypeVar("T")
 Moving = tuple[bool, ...]
@@ -123,32 +123,19 @@ class Derived(Differentiable):
         at, others = self._split(arrays)
         if any(axis is not None for axis in axes[: len(at)]):
             return None
-        return jax.vmap(run(at, n_batch), axes[len(at) :])(*others)
+        return jax.vmap(functools.partial(run, at, n_batch), axes[len(at) :])(*others)
 
-    def _chosen(self, arguments: Sequence) -> list:
-        return [x for x, yes in zip(arguments, self.moving, strict=True) if yes]
+    def _ruled(self, at: list, n_batch: int, *tangents) -> list:
+        """The tangents of the results, by the program's own rule, at those of the arguments that move."""
+        rest = iter(tangents)
+        every = [next(rest) if yes else no_tangent(x) for x, yes in zip(at, self.moving, strict=True)]
+        return [zeros(t.aval) if is_zero(t) else t for t in self.program.rule(at, every, n_batch)]
 
-    def _ruled(self, arguments: Sequence, n_batch: int) -> Callable[..., list]:
-        """The tangents of the results, by the program's own rule, as a function of those of the arguments that move."""
-
-        def run(*tangents) -> list:
-            rest, at = iter(tangents), list(arguments)
-            every = [next(rest) if yes else no_tangent(x) for x, yes in zip(at, self.moving, strict=True)]
-            found = self.program.rule(at, every, n_batch)
-            return [zeros(t.aval) if is_zero(t) else t for t in found]
-
-        return run
-
-    def _of_chosen(self, arguments: Sequence) -> Callable[..., list[jax.Array]]:
-        """The results that have derivatives, as a function of the arguments that move."""
-
-        def run(*chosen: jax.Array):
-            rest = iter(chosen)
-            both = zip(arguments, self.moving, strict=True)
-            results = self.program.evaluate(*(next(rest) if yes else x for x, yes in both))
-            return [y for y in results if is_differentiable(y)]
-
-        return run
+    def _results(self, at: list, *moved: jax.Array) -> list[jax.Array]:
+        """The results that have derivatives, with others in place of the arguments that move."""
+        rest = iter(moved)
+        arguments = (next(rest) if yes else x for x, yes in zip(at, self.moving, strict=True))
+        return [y for y in self.program.evaluate(*arguments) if is_differentiable(y)]
 
 
 class Tangent(Derived):
@@ -157,13 +144,13 @@ class Tangent(Derived):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, tangents = self._split(arrays)
         if self.program.has_rule:
-            return self._ruled(arguments, 1)(*tangents)
+            return self._ruled(arguments, 1, *tangents)
         at, along = list[jax.Array](), list[jax.Array]()
-        for x, t in zip(self._chosen(arguments), tangents, strict=True):
+        for x, t in zip(itertools.compress(arguments, self.moving), tangents, strict=True):
             shape = check.broadcast_shapes(x.shape, t.shape)
             at.append(jnp.broadcast_to(x, shape))
             along.append(jnp.broadcast_to(t, shape))
-        return jax.jvp(self._of_chosen(arguments), tuple(at), tuple(along))[1]
+        return jax.jvp(functools.partial(self._results, arguments), at, along)[1]
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:
         results = self.program.outputs(avals[: len(self.moving)])
@@ -206,10 +193,6 @@ class Pullback(Derived):
         super().__init__(program, moving)
         self.given = given
 
-    def _of_chosen(self, arguments: Sequence) -> Callable[..., list[jax.Array]]:
-        run = super()._of_chosen(arguments)
-        return lambda *chosen: self._with_cotangents(run(*chosen))
-
     def _with_cotangents(self, results: Sequence) -> list:
         """Those whose cotangents are given."""
         return list(results if self.given is None else itertools.compress(results, self.given))
@@ -217,31 +200,30 @@ class Pullback(Derived):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         arguments, cotangents = self._split(arrays)
         if self.program.has_rule:
-            return self._pulled_back(arguments, 1)(*map(self.from_outside, cotangents))
-        run = self._of_chosen(arguments)
+            return self._pulled_back(arguments, 1, *map(self.from_outside, cotangents))
         n = n_states(arrays)
 
-        def over_all(*chosen: jax.Array):
+        def over_all(*moved: jax.Array):
             # What all states share is repeated first, so that its cotangents are added up once, at the end. A result
             # that is itself the cotangent of a shared argument is shared by all states.
-            results = run(*(jnp.broadcast_to(x, (n, *x.shape[1:])) for x in chosen))
+            repeated = (jnp.broadcast_to(x, (n, *x.shape[1:])) for x in moved)
+            results = self._with_cotangents(self._results(arguments, *repeated))
             places = self._with_cotangents(range(len(results) if self.given is None else len(self.given)))
             primals = ((self.program.primal_of(i), y) for i, y in zip(places, results, strict=True))
             return [jnp.broadcast_to(y, (n, *y.shape[1:])) if primal is None else y for primal, y in primals]
 
-        results, back = jax.vjp(over_all, *self._chosen(arguments))
+        results, back = jax.vjp(over_all, *itertools.compress(arguments, self.moving))
         cotangents = map(self.from_outside, cotangents)
         return list(back([jnp.broadcast_to(c, y.shape) for c, y in zip(cotangents, results, strict=True)]))
 
-    def _pulled_back(self, arguments: Sequence, n_batch: int) -> Callable[..., list]:
-        """The cotangents of the arguments that move, by the program's own rule, as a function of those of results."""
-        chosen = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in self._chosen(arguments)]
-        run = self._ruled(arguments, n_batch)
-        transposed = jax.linear_transpose(lambda *tangents: self._with_cotangents(run(*tangents)), *chosen)
-        return lambda *cotangents: list(transposed(list(cotangents)))
+    def _pulled_back(self, at: list, n_batch: int, *cotangents) -> list:
+        """The cotangents of the arguments that move, by the program's own rule, at those of results."""
+        moved = (jax.ShapeDtypeStruct(x.shape, x.dtype) for x in itertools.compress(at, self.moving))
+        transposed = jax.linear_transpose(lambda *t: self._with_cotangents(self._ruled(at, n_batch, *t)), *moved)
+        return list(transposed(list(cotangents)))
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:
-        return [(a.shape, a.dtype) for a in self._chosen(avals[: len(self.moving)])]
+        return [(a.shape, a.dtype) for a in itertools.compress(avals, self.moving)]
 
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
         if self.program.has_rule:
@@ -251,7 +233,7 @@ class Pullback(Derived):
             return None
         matrices, (cotangents,) = at_one_state
         pulled = (times_columns(jnp.swapaxes(J, -1, -2), cotangents) for J in matrices)
-        like = (jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in self._chosen(self._split(arrays)[0]))
+        like = (jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in itertools.compress(arrays, self.moving))
         return [over_batch_of(y, x) for x, y in zip(like, pulled, strict=True)]
 
     def primal_of(self, i: int) -> int | None:
@@ -267,35 +249,32 @@ class Selection(Differentiable):
     def __init__(self, program: Differentiable, wanted: Moving):
         self.program, self.wanted, self.is_wide = program, wanted, program.is_wide
 
-    def _chosen(self, results: Sequence[T]) -> list[T]:
-        return list(itertools.compress(results, self.wanted))
-
     def traced(self, avals: Sequence[Aval]) -> Traced:
         """The trace of the whole program, without what is dead now."""
         return self.program.traced(avals).selected(self.wanted)
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        return self._chosen(self.program.evaluate(*arrays))
+        return [*itertools.compress(self.program.evaluate(*arrays), self.wanted)]
 
     def from_outside(self, x: jax.Array) -> jax.Array:
         return self.program.from_outside(x)
 
     def outputs(self, avals: Sequence[Aval]) -> list[Result]:
-        return self._chosen(self.program.outputs(avals))
+        return [*itertools.compress(self.program.outputs(avals), self.wanted)]
 
     def primal_of(self, i: int) -> int | None:
-        return self.program.primal_of(self._chosen(range(len(self.wanted)))[i])
+        return self.program.primal_of([*itertools.compress(itertools.count(), self.wanted)][i])
 
     def needs_all_states(self, i: int) -> bool:
         return self.program.needs_all_states(i)
 
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
         results = self.program.batched(arrays, axes, size, n_batch)
-        return None if results is None else self._chosen(results)
+        return None if results is None else [*itertools.compress(results, self.wanted)]
 
     def jvp(self, primals: list, tangents: list, n_batch: int) -> tuple[list, list]:
-        results, rates = self.program.jvp(primals, tangents, n_batch)
-        return self._chosen(results), self._chosen(rates)
+        results, rates = (itertools.compress(x, self.wanted) for x in self.program.jvp(primals, tangents, n_batch))
+        return [*results], [*rates]
 
     def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         rest = iter(cotangents)
@@ -304,8 +283,11 @@ class Selection(Differentiable):
         )
 
 
-def _without_unread(wanted: list[bool], eqn) -> tuple[list[bool], Any]:
-    """Leaves out what nobody reads of a program: JAX asks for it where it takes dead code out of a trace."""
+def _without_unread(wanted: list[bool], *others) -> tuple[list[bool], Any]:
+    """Leaves out what nobody reads of a program: JAX asks for it where it takes dead code out of a trace.
+
+    others: the operation is the last; JAX 0.12 hands on before it which references it may look at."""
+    eqn = others[-1]
     whole = eqn.params["program"]
     if not any(wanted):
         return [False] * len(eqn.invars), None
@@ -316,7 +298,7 @@ def _without_unread(wanted: list[bool], eqn) -> tuple[list[bool], Any]:
     return [True] * len(eqn.invars), eqn.replace(outvars=outvars, params={**eqn.params, "program": selected})
 
 
-leave_out_unread(_without_unread)
+partial_eval.dce_rules[program_p] = _without_unread
 
 
 def is_differentiable(x) -> bool:

@@ -217,26 +217,6 @@ class Graph:
 # -- operations --------------------------------------------------------------------------------------------------------
 
 
-def _quotient_of(d: np.dtype, a, b):
-    """As XLA has it: integers towards zero, and with all bits set over 0."""
-    if d.kind == "f":
-        return a / b
-    return np.where(b == 0, ~d.type(0), (a - np.fmod(a, b)) // b)
-
-
-def _remainder(d: np.dtype, a, b):
-    return np.fmod(a, b) if d.kind == "f" else np.where(b == 0, a, np.fmod(a, b))
-
-
-def _larger(d: np.dtype, a, b):
-    """NaN where one is, and 0 is more than -0."""
-    return np.where((a == b) & np.signbit(a), b, np.maximum(a, b)) if d.kind == "f" else np.maximum(a, b)
-
-
-def _smaller(d: np.dtype, a, b):
-    return np.where((a == b) & np.signbit(b), b, np.minimum(a, b)) if d.kind == "f" else np.minimum(a, b)
-
-
 def _product_error(d: np.dtype, a, b, p):
     """a b - p of p = fl(a b), rounded once as a fused multiply-add does it.
 
@@ -303,8 +283,9 @@ EVALUATE: dict[str, Callable] = {
     "add": lambda d, a, b: a + b,
     "sub": lambda d, a, b: a - b,
     "mul": lambda d, a, b: a * b,
-    "div": _quotient_of,
-    "rem": _remainder,
+    # Integers as XLA has them: towards zero, and with all bits set over 0.
+    "div": lambda d, a, b: a / b if d.kind == "f" else np.where(b == 0, ~d.type(0), (a - np.fmod(a, b)) // b),
+    "rem": lambda d, a, b: np.fmod(a, b) if d.kind == "f" else np.where(b == 0, a, np.fmod(a, b)),
     "product_error": _product_error,
     "fma": _fused,
     "neg": lambda d, a: -a,
@@ -313,8 +294,9 @@ EVALUATE: dict[str, Callable] = {
     "round": lambda d, a: np.rint(a),
     "floor": lambda d, a: np.floor(a),
     "ceil": lambda d, a: np.ceil(a),
-    "max": _larger,
-    "min": _smaller,
+    # NaN where one is, and 0 is more than -0.
+    "max": lambda d, a, b: np.where((d.kind == "f") & (a == b) & np.signbit(a), b, np.maximum(a, b)),
+    "min": lambda d, a, b: np.where((d.kind == "f") & (a == b) & np.signbit(b), b, np.minimum(a, b)),
     "lt": lambda d, a, b: a < b,
     "le": lambda d, a, b: a <= b,
     "gt": lambda d, a, b: a > b,
@@ -354,10 +336,6 @@ def _logical(is_all: bool, g: Graph, a: int, b: int) -> int | None:
     return None
 
 
-def _negated(g: Graph, a: int) -> int | None:
-    return g.operands[a][0] if g.operations[a] == "neg" else None
-
-
 def _product(g: Graph, a: int, b: int) -> int | None:
     """1 x = x. A product with -1 or 0 stays: it has other bits where x is NaN or infinite."""
     constants = g.constants
@@ -366,17 +344,13 @@ def _product(g: Graph, a: int, b: int) -> int | None:
     return a if b in constants and constants[b] == 1 else None
 
 
-def _quotient(g: Graph, a: int, b: int) -> int | None:
-    return a if b in g.constants and g.constants[b] == 1 else None
-
-
 _SIMPLER: dict[str, Callable[..., int | None]] = {
     "select": _select,
     "and": functools.partial(_logical, True),
     "or": functools.partial(_logical, False),
-    "neg": _negated,
+    "neg": lambda g, a: g.operands[a][0] if g.operations[a] == "neg" else None,
     "mul": _product,
-    "div": _quotient,
+    "div": lambda g, a, b: a if b in g.constants and g.constants[b] == 1 else None,
 }
 # Operations number by number, by the name of the primitive.
 _OWN_NAMES = {"select", "convert", "bitcast", "round", "shl", "shr", "sar", "product_error", "fma"}
@@ -407,6 +381,17 @@ _UNCHANGED = {
     "sharding_constraint",
     "pvary",
     "reshard",
+}
+# What moves numbers: the nodes of a result of the given shape, of the parameters of the primitive and nodes.
+_MOVED: dict[str, Callable[..., Nodes]] = {
+    **dict.fromkeys(("reshape", "squeeze", "expand_dims"), lambda p, shape, x: x.reshape(shape)),
+    "transpose": lambda p, shape, x: x.transpose(p["permutation"]),
+    "rev": lambda p, shape, x: np.flip(x, p["dimensions"]),
+    "slice": lambda p, shape, x: x[
+        tuple(map(slice, p["start_indices"], p["limit_indices"], p["strides"] or [1] * x.ndim))
+    ],
+    "concatenate": lambda p, shape, *x: np.concatenate(x, axis=p["dimension"]),
+    **dict.fromkeys(("stack", "jaxspatial_stack"), lambda p, shape, *x: np.stack(x, axis=p["axis"])),
 }
 _REDUCTIONS = {
     "reduce_sum": "add",
@@ -527,6 +512,8 @@ class _Builder:
             return [self.each(operation, dtype, *x)]
         if name in _UNCHANGED:
             return x
+        if (moved := _MOVED.get(name)) is not None:
+            return [moved(eqn.params, eqn.outvars[0].aval.shape, *x)]
         if name in CALLS or name in ("pjit", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint"):
             return self.run(called(eqn), x)
         method = getattr(self, f"_{name.replace('-', '_')}", None)
@@ -537,7 +524,7 @@ class _Builder:
         if name in _REDUCTIONS:
             dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
             y = np.moveaxis(x[0], axes, range(len(axes))).reshape((-1, *eqn.outvars[0].aval.shape))
-            return [self._total(_REDUCTIONS[name], dtype, y)]
+            return [self._reduced(_REDUCTIONS[name], dtype, y)]
         raise NotSupportedError(f"operation {name}")
 
     # -- number by number ---------------------------------------------------------------------------------------------
@@ -583,21 +570,19 @@ class _Builder:
         dtype = np.dtype(eqn.outvars[0].aval.dtype)
         if dtype.itemsize != eqn.invars[0].aval.dtype.itemsize:
             raise NotSupportedError("bits of numbers of another size")
-        g = self.graph
-
-        def taken_for(node: int) -> int:
+        g, found = self.graph, list[int]()
+        for node in x.ravel().tolist():
+            # The bits of a number that was made of bits are these.
             (of,) = g.operands[node] if g.operations[node] == "bitcast" else (-1,)
-            return of if of >= 0 and g.dtypes[of] == dtype else g.operation("bitcast", (node,), dtype)
-
-        return [np.array([taken_for(n) for n in x.ravel().tolist()], np.int64).reshape(x.shape)]
-
-    def _square(self, eqn, x: Nodes) -> list[Nodes]:
-        return [self.each("mul", np.dtype(eqn.outvars[0].aval.dtype), x, x)]
+            found.append(of if of >= 0 and g.dtypes[of] == dtype else g.operation("bitcast", (node,), dtype))
+        return [np.array(found, np.int64).reshape(x.shape)]
 
     def _integer_pow(self, eqn, x: Nodes) -> list[Nodes]:
-        if eqn.params["y"] != 2:
-            raise NotSupportedError(f"the power {eqn.params['y']}")
-        return self._square(eqn, x)
+        if (power := eqn.params.get("y", 2)) != 2:
+            raise NotSupportedError(f"the power {power}")
+        return [self.each("mul", np.dtype(eqn.outvars[0].aval.dtype), x, x)]
+
+    _square = _integer_pow
 
     def _is_finite(self, eqn, x: Nodes) -> list[Nodes]:
         dtype = np.dtype(eqn.invars[0].aval.dtype)
@@ -656,30 +641,6 @@ class _Builder:
         for k, axis in enumerate(eqn.params["broadcast_dimensions"]):
             shape[axis] = x.shape[k]
         return [np.broadcast_to(x.reshape(shape), eqn.params["shape"])]
-
-    def _reshape(self, eqn, x: Nodes) -> list[Nodes]:
-        return [x.reshape(eqn.outvars[0].aval.shape)]
-
-    _squeeze = _expand_dims = _reshape
-
-    def _transpose(self, eqn, x: Nodes) -> list[Nodes]:
-        return [x.transpose(eqn.params["permutation"])]
-
-    def _rev(self, eqn, x: Nodes) -> list[Nodes]:
-        return [np.flip(x, eqn.params["dimensions"])]
-
-    def _slice(self, eqn, x: Nodes) -> list[Nodes]:
-        p = eqn.params
-        steps = p["strides"] or [1] * x.ndim
-        return [x[tuple(map(slice, p["start_indices"], p["limit_indices"], steps))]]
-
-    def _concatenate(self, eqn, *x: Nodes) -> list[Nodes]:
-        return [np.concatenate(x, axis=eqn.params["dimension"])]
-
-    def _stack(self, eqn, *x: Nodes) -> list[Nodes]:
-        return [np.stack(x, axis=eqn.params["axis"])]
-
-    _jaxspatial_stack = _stack
 
     def _unstack(self, eqn, x: Nodes) -> list[Nodes]:
         axis = eqn.params["axis"]
@@ -855,7 +816,7 @@ class _Builder:
 
         x, y = in_front(x, 0), in_front(y, 1)
         terms = self.each("mul", dtype, x[:, :, :, None], y[:, :, None, :])
-        return [self._total("add", dtype, np.moveaxis(terms, 1, 0)).reshape(shape)]
+        return [self._reduced("add", dtype, np.moveaxis(terms, 1, 0)).reshape(shape)]
 
     def _cholesky(self, eqn, x: Nodes) -> list[Nodes]:
         """L of L L^T, column by column; NaN from the first pivot on that is not positive. [Golub, Van Loan 2013, 4.2.5]
@@ -889,7 +850,7 @@ class _Builder:
                 x[..., row, :] = self.each("div", dtype, x[..., row, :], a[..., row, row, None])
         return [x if p["left_side"] else x.swapaxes(-1, -2)]
 
-    def _total(self, operation: str, dtype: np.dtype, y: Nodes) -> Nodes:
+    def _reduced(self, operation: str, dtype: np.dtype, y: Nodes) -> Nodes:
         """The rows of an array together."""
         if not len(y):
             raise NotSupportedError("a reduction of nothing")
@@ -966,7 +927,11 @@ class _Builder:
     def _scan(self, eqn, *x: Nodes) -> list[Nodes]:
         """Runs of rows in which known integers are the same are loops: where a boundary is, is such an integer."""
         p = eqn.params
-        (n_consts, n_carry), length = _constants_and_carried(eqn), p["length"]
+        if "ft_in" in p:  # From JAX 0.11 on: (constants, what is carried, what is sliced).
+            n_consts, n_carry, _ = map(len, p["ft_in"].unpack())
+        else:
+            n_consts, n_carry = p["num_consts"], p["num_carry"]
+        length = p["length"]
         consts, carry, rows = x[:n_consts], list(x[n_consts : n_consts + n_carry]), x[n_consts + n_carry :]
 
         def turn(_, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
@@ -1046,7 +1011,7 @@ class _Builder:
         last = list(flat)
         for which, k in enumerate(moving):
             last[k] = graph.result(loop, "last", which, 0, graph.dtypes[flat[k]])
-        return _unflat(last, carry), [self._stacked(loop, y) for y in stacked]
+        return _unflat(last, carry), [self._of_all_turns(loop, y) for y in stacked]
 
     def _of_row(self, loop: Loop, rows: Nodes) -> Nodes:
         """The parameters that stand for one row: those that are the same in all rows stay what they are."""
@@ -1064,7 +1029,7 @@ class _Builder:
             found.append(known[column])
         return np.array(found, np.int64).reshape(rows.shape[1:])
 
-    def _stacked(self, loop: Loop, x: Nodes) -> Nodes:
+    def _of_all_turns(self, loop: Loop, x: Nodes) -> Nodes:
         graph, n = self.graph, cast(int, loop.length)
         columns: list[list[int]] = []
         for node in x.ravel().tolist():
@@ -1076,16 +1041,13 @@ class _Builder:
             else:
                 which = len(loop.stacked)
                 loop.stacked.append(node)
-            columns.append([self._stacked_row(loop, which, k) for k in range(n)])
+            columns.append([])
+            for row in range(n):
+                key = "stacked", loop.region, which, row
+                if key not in graph._known:
+                    graph._known[key] = graph.result(loop, "stacked", which, row, graph.dtypes[node])
+                columns[-1].append(graph._known[key])
         return np.array(columns, np.int64).reshape((-1, n)).T.reshape((n, *x.shape))
-
-    def _stacked_row(self, loop: Loop, which: int, row: int) -> int:
-        key = "stacked", loop.region, which, row
-        known = self.graph._known
-        if key not in known:
-            dtype = self.graph.dtypes[loop.stacked[which]]
-            known[key] = self.graph.result(loop, "stacked", which, row, dtype)
-        return known[key]
 
 
 class _Axes(NamedTuple):
@@ -1096,14 +1058,6 @@ class _Axes(NamedTuple):
     of_indices: Sequence[int]
     batching: Sequence[int]
     of_batching: Sequence[int]
-
-
-def _constants_and_carried(eqn) -> tuple[int, int]:
-    """How many arguments of a loop over rows are constants, and how many are carried from turn to turn."""
-    if "ft_in" in eqn.params:  # From JAX 0.11 on: (constants, what is carried, what is sliced).
-        consts, carried, _ = eqn.params["ft_in"].unpack()
-        return len(consts), len(carried)
-    return eqn.params["num_consts"], eqn.params["num_carry"]
 
 
 def _flat(arrays: Iterable[Nodes]) -> list[int]:
@@ -1187,7 +1141,7 @@ def _evaluated(values: _Values, node: int):
     return EVALUATE[name](graph.dtypes[node], *(values.known[x] for x in graph.operands[node]))
 
 
-def looked_up(table: Sequence[Any], index: Any, places: int) -> Any:
+def looked_up(table: Sequence[Any], index, places: int):
     """What a table has so many places behind indices (B,), of numbers or arrays (B,)."""
     rows = np.stack([np.broadcast_to(x, np.shape(index)) for x in table])
     return np.take_along_axis(rows, np.asarray(index, np.int64)[None] + places, 0)[0]

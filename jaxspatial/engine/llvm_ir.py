@@ -279,9 +279,6 @@ class _Frame:
         self.size = first + n_bytes
         return first
 
-    def given_back(self, place: int, n_bytes: int) -> None:
-        self.free[max(n_bytes, 1)].append(place)
-
 
 class Function:
     """The text of one function. registers: of nodes that it has made or read. lanes: of indices, state by state.
@@ -366,7 +363,10 @@ class Writer:
             n = self.order.size(item) if type(item) is tuple else 1
             if n > self.longest:
                 close()
-                found.append(self._planned_loop(item[0]))
+                self.pieces.append([item])
+                own, (condition, rest) = len(self.pieces) - 1, self._scheduled_body(item[0])
+                self.bodies[item[0]] = _Body(own, self._planned(condition), self._planned(rest))
+                found.append(own)
                 continue
             if size + n > self.longest:
                 close()
@@ -382,13 +382,6 @@ class Writer:
             condition = [] if loop.length is not None else self.order.scheduled(loop.region, [loop.condition], done)
             self.schedules[k] = condition, self.order.scheduled(loop.region, self.order.ends(k), done)
         return self.schedules[k]
-
-    def _planned_loop(self, k: int) -> int:
-        self.pieces.append([(k,)])
-        own = len(self.pieces) - 1
-        condition, rest = self._scheduled_body(k)
-        self.bodies[k] = _Body(own, self._planned(condition), self._planned(rest))
-        return own
 
     def note_homes(self) -> None:
         """Which piece makes each node, and which others read it."""
@@ -513,7 +506,7 @@ class Writer:
         for key in sorted(begin, key=begin.__getitem__):
             for t in range(done, begin[key]):
                 for old in ending[t]:
-                    frame.given_back(places[old], size_of[old])
+                    frame.free[max(size_of[old], 1)].append(places[old])
             done = max(done, begin[key])
             places[key] = frame.taken(size_of[key])
         for key, place in places.items():
@@ -667,7 +660,10 @@ class Writer:
         index = self._index(f, g.details[node])
         kind, first, step = self._found_table(node, loop) or ("own", (), 1)
         if kind == "constant":
-            return self._read_constant(f, index, [g.constants[n] for n in first], dtype)
+            inside, at = np.dtype(np.uint8) if dtype.kind == "b" else dtype, f.new()
+            table = self._table_of([g.constants[n] for n in first], inside)
+            f.add(f"{at} = getelementptr {self.scalar(inside)}, ptr {table}, i64 {index}")
+            return self._read_outside(f, f"ptr {at}", 0, dtype, is_shared=True)
         scaled = f.new()
         if kind == "load":
             k, place = first
@@ -742,12 +738,6 @@ class Writer:
         register, vector, mask = f.new(), f"<{n} x {t}>", [f"i32 {k}" for k in places]
         f.add(f"{register} = shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{', '.join(mask)}>")
         return register
-
-    def _read_constant(self, f: Function, index: str, values: Sequence, dtype: np.dtype) -> str:
-        inside = np.dtype(np.uint8) if dtype.kind == "b" else dtype
-        at = f.new()
-        f.add(f"{at} = getelementptr {self.scalar(inside)}, ptr {self._table_of(values, inside)}, i64 {index}")
-        return self._read_outside(f, f"ptr {at}", 0, dtype, is_shared=True)
 
     def _table_of(self, values: Sequence[Any], dtype: np.dtype) -> str:
         """The name of a table of constants."""
@@ -907,20 +897,17 @@ class Writer:
         g = self.g
         operands = g.operands[node]
         name, dtype, of = g.operations[node], g.dtypes[node], g.dtypes[operands[0]]
-        is_usual = name in _GUARDED and self._is_usual(name, dtype, operands[1])
+        is_usual = False
+        if name in _GUARDED:
+            # Whether every processor shifts by this number, or divides by it, as XLA does.
+            known, least, most = g.constants.get(operands[1]), int(name in ("div", "rem")), 8 * dtype.itemsize
+            is_usual = dtype.kind == "f" or bool(known is not None and known >= least and (least or known < most))
         key = name, dtype.char, of.char, is_usual
         template = self.templates.get(key)
         if template is None:
             lines = self._instructions(name, dtype, of, is_usual)
             template = self.templates[key] = "\n".join("  " + line for line in lines)
         return template
-
-    def _is_usual(self, name: str, dtype: np.dtype, operand: int) -> bool:
-        """Whether every processor shifts by this number, or divides by it, as XLA does."""
-        known = self.g.constants.get(operand)
-        if dtype.kind == "f":
-            return True
-        return known is not None and (known > 0 if name in ("div", "rem") else 0 <= known < 8 * dtype.itemsize)
 
     def _instructions(self, name: str, dtype: np.dtype, of: np.dtype, is_usual: bool) -> list[str]:
         """of: the dtype of the first operand."""

@@ -57,15 +57,16 @@ def matrices(state: MechanismState, entry: Entry, rows: Sides, columns: Sides, c
             on_a = stacking.mapped(lambda w, chains=chains_a: _picked(w, chains)[:, None], row)
             on_b = stacking.mapped(lambda w, chains=chains_b: _picked(w, chains)[None], column)
             block = [stacking.spread(x, (n_rows, n_columns, len(pairs), state.n)) for x in entry(on_a, on_b)]
-            block = [_upper(x, t.chains[a].length) for x in block] if a == b else block
+            if a == b:
+                # Of one chain with itself: 0 where the body of the column comes before that of the row.
+                of_row, of_column = (np.arange(n) // (n // t.chains[a].length) for n in (n_rows, n_columns))
+                is_behind = jnp.asarray((of_column >= of_row[:, None])[:, :, None, None])
+                block = [where(is_behind, x, 0.0) for x in block]
             full = *(int(x[-1]) for x in starts), state.n
             whole = whole or [mapped(lambda w: jnp.zeros(full, w.dtype), x) for x in block]  # noqa: B023
             for k, (c, r) in enumerate(pairs):
                 place = int(starts[0][t.chains[a].starts[r]]), int(starts[1][t.chains[b].starts[c]]), 0
-
-                def put(whole: jax.Array, block: jax.Array, k: int = k, place: tuple[int, ...] = place) -> jax.Array:
-                    return lax.dynamic_update_slice(whole, block[:, :, k], place)
-
+                put: Callable = lambda w, x, k=k, at=place: lax.dynamic_update_slice(w, x[:, :, k], at)  # noqa: E731
                 whole = [mapped(put, x, y) for x, y in zip(whole, block, strict=True)]
     return whole or [state.zeros(int(starts[0][-1]), int(starts[1][-1]))] * count
 
@@ -90,13 +91,6 @@ def _picked(w: jax.Array, chains: tuple[int, ...]) -> jax.Array:
     if chains == tuple(range(w.shape[1])) or w.shape[1] == 1:
         return w
     return w[:, chains[0] : chains[0] + 1] if len(set(chains)) == 1 else jnp.stack([w[:, c] for c in chains], 1)
-
-
-def _upper(x: Number, length: int) -> Number:
-    """The entries of one chain with itself, 0 where the body of the column comes before that of the row."""
-    n, m = numbers.shape_of(x)[:2]
-    is_behind = np.arange(m)[None, :] // (m // length) >= np.arange(n)[:, None] // (n // length)
-    return where(jnp.asarray(is_behind[:, :, None, None]), x, 0.0)
 
 
 def by_velocity(state: MechanismState, x: Number, axis: int) -> Number:
@@ -148,7 +142,7 @@ def zero_at_root(is_root: bool, v: Vector) -> Vector:
 # -- linear equations -------------------------------------------------------------------------------------------------
 
 
-def solved(M: Number, b: Number) -> Number:
+def inverse_times(M: Number, b: Number) -> Number:
     """M^-1 b for a symmetric positive M (n, n, ...) and b (n, ...), by Gauss-Jordan elimination in a loop.
 
     Where a pivot is not positive, the unknown is 0. Error: n u cond(M) times a small number.

@@ -128,11 +128,8 @@ class Traced:
     """The trace of a program, without dead code."""
 
     def __init__(self, program: Program, avals: Sequence[Aval], in_64_bits: bool):
-        def flat(*arrays: jax.Array) -> list[jax.Array]:
-            return list(program.evaluate(*arrays))
-
         with jax.enable_x64(in_64_bits), inlined_calls(), _without_collection():
-            closed = jax.make_jaxpr(flat)(*avals)
+            closed = jax.make_jaxpr(lambda *arrays: list(program.evaluate(*arrays)))(*avals)
         jaxpr, _ = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
@@ -174,7 +171,7 @@ def _without_collection() -> Iterator[None]:
 def bind(program: Program, arrays: Sequence, n_batch: int) -> list:
     """The results (*batch, ...) of arrays that have n_batch axes in front, of size 1 where they do not vary."""
     arrays = [c if not is_zero(c) else zeros(c.aval) for c in arrays]
-    return list(_program_p.bind(*varying_alike(arrays), program=program, n_batch=n_batch))
+    return list(program_p.bind(*varying_alike(arrays), program=program, n_batch=n_batch))
 
 
 def _abstract(*avals, program: Program, n_batch: int) -> list:
@@ -198,14 +195,6 @@ def _abstract(*avals, program: Program, n_batch: int) -> list:
             aval = aval.update(manual_axis_type=like.mat.update(varying=varying))
         results.append(aval)
     return results
-
-
-def _jvp(primals: Sequence, tangents: Sequence, *, program: Program, n_batch: int):
-    return program.jvp(list(primals), list(tangents), n_batch)
-
-
-def _transpose(cotangents: Sequence, *arguments, program: Program, n_batch: int):
-    return program.transposed(list(cotangents), list(arguments), n_batch)
 
 
 def _batch(arrays: Sequence, axes: Sequence[int | None], *, program: Program, n_batch: int):
@@ -395,7 +384,7 @@ def _expanded(eqn, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph
 
     Programs that promise errors and no bits say that sums may be fused with products.
     """
-    if eqn.primitive is not _program_p:
+    if eqn.primitive is not program_p:
         closed = trace_of_sums(eqn)
         return None if closed is None else run_trace(closed, nodes, False)
     program, n_batch = eqn.params["program"], eqn.params["n_batch"]
@@ -421,36 +410,27 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 # -- lowering ----------------------------------------------------------------------------------------------------------
 
 
-def _lowering(machine: ModuleType | None) -> Callable:
-    def rule(context, *arrays, program: Program, n_batch: int):
-        native, in_parts = Native.of(context, machine) if machine else None, machine is cpu
-        lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=in_parts), multiple_results=True)
-        with _without_collection():
-            return unsharded(lower, context, *arrays)
-
-    return rule
+def _lower(machine: ModuleType | None, context, *arrays, program: Program, n_batch: int):
+    native, in_parts = Native.of(context, machine) if machine else None, machine is cpu
+    lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=in_parts), multiple_results=True)
+    with _without_collection():
+        return unsharded(lower, context, *arrays)
 
 
 @functools.lru_cache(maxsize=64)
 def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
-    return compiled(_program_p, program=program, n_batch=n_batch)
+    return compiled(program_p, program=program, n_batch=n_batch)
 
 
-_program_p: Any = Primitive("jaxspatial_program")
-_program_p.multiple_results = True
-_program_p.def_abstract_eval(_abstract)
-_program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
-mlir.register_lowering(_program_p, _lowering(None))
-mlir.register_lowering(_program_p, _lowering(cpu), platform="cpu")
-mlir.register_lowering(_program_p, _lowering(cuda), platform="cuda")
-ad.primitive_jvps[_program_p] = _jvp
-ad.primitive_transposes[_program_p] = _transpose
-batching.primitive_batchers[_program_p] = _batch
-
-
-def leave_out_unread(rule: Callable[[list[bool], Any], tuple[list[bool], Any]]) -> None:
-    """Says how results that nobody reads are left out of a program in a trace.
-
-    JAX 0.12 hands on more: which references the operation may look at.
-    """
-    partial_eval.dce_rules[_program_p] = lambda wanted, *others: rule(wanted, others[-1])
+program_p: Any = Primitive("jaxspatial_program")
+program_p.multiple_results = True
+program_p.def_abstract_eval(_abstract)
+program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
+mlir.register_lowering(program_p, functools.partial(_lower, None))
+mlir.register_lowering(program_p, functools.partial(_lower, cpu), platform="cpu")
+mlir.register_lowering(program_p, functools.partial(_lower, cuda), platform="cuda")
+ad.primitive_jvps[program_p] = lambda x, t, *, program, n_batch: program.jvp(list(x), list(t), n_batch)
+ad.primitive_transposes[program_p] = lambda cotangents, *x, program, n_batch: program.transposed(
+    list(cotangents), list(x), n_batch
+)
+batching.primitive_batchers[program_p] = _batch

@@ -76,8 +76,9 @@ def inward(
         boundaries = _boundaries(state, bundle, from_children, at_tips, join, is_reverse=True)
         start = _side_by_side(bundle.by_column(last, start), state.n)
         result, passed, memory = _run(step, bundle, state.n, of_bundle, start, boundaries)
+        ends = {i for group in bundle.groups for i in group.ends}
         for i, k in boundaries.rows.items():
-            if i not in bundle.ends:
+            if i not in ends:
                 of_children[i].append(_chain(memory, k))
         for c, parent in enumerate(first.parents):
             if parent >= 0:

@@ -11,7 +11,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.numerics import check, numbers
-from jaxspatial.numerics.numbers import Number, Numbers, is_constant, is_number, where
+from jaxspatial.numerics.numbers import Number, Numbers, is_constant, is_number
 from jaxspatial.numerics.sums.pairwise import pairwise
 
 T = TypeVar("T")
@@ -63,11 +63,9 @@ def stacked(parts: Numbers, shape: Shape, axis: int) -> Number:
 
 def stacked_trees(trees: Sequence[T]) -> T:
     """Stacks k trees of numbers to one of numbers (k, ...). Known equal numbers stay known, a single tree unchanged."""
-
-    def broadcast(xs: Numbers) -> Number:
-        return stacked(xs, check.broadcast_shapes((1, 1, 1), *map(numbers.shape_of, xs)), 0)
-
-    return trees[0] if len(trees) == 1 else _leafwise(trees, broadcast)
+    if len(trees) == 1:
+        return trees[0]
+    return _leafwise(trees, lambda x: stacked(x, check.broadcast_shapes((1, 1, 1), *map(numbers.shape_of, x)), 0))
 
 
 def concatenated(parts: Numbers) -> Number:
@@ -86,13 +84,6 @@ def concatenated_trees(trees: Sequence[T], n: int, counts: Sequence[int] | None 
 
 def _leafwise(trees: Sequence, combine: Callable[[Numbers], Number]):
     return jax.tree.map(lambda *xs: xs[0] if all_equal(xs) else combine(xs), *trees, is_leaf=is_number)
-
-
-def added_at(x: Number, row: int, y: Number) -> Number:
-    """x with y added to one of its rows."""
-    shape = numbers.shape_of(x)
-    here = jnp.asarray(np.arange(shape[0]) == row).reshape((-1, *[1] * (len(shape) - 1)))
-    return where(jnp.broadcast_to(here, shape), x + spread(y, shape), x)
 
 
 def pairwise_sum(x: Number) -> Number:

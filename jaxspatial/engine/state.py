@@ -24,7 +24,7 @@ from jaxspatial.numerics import check, linear, numbers
 from jaxspatial.numerics.formula import as_array, of_terms
 from jaxspatial.numerics.functions import cosine_sine
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector
-from jaxspatial.numerics.numbers import Number, Numbers
+from jaxspatial.numerics.numbers import Number, Numbers, where
 from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.spatial.algebra import composed
@@ -100,16 +100,12 @@ class MechanismState:
         self.topology, self.q, self.n, self.precision, self.dtype = topology, q, n, precision, np.dtype(dtype)
         self.fields, self._turns = alignment.aligned(topology, fields)
 
-    def of_size(self, n: int) -> "MechanismState":
-        """The same for numbers of n states, which the caller has."""
-        other = copy.copy(self)
-        other.n = n
-        return other
-
-    def carrying(self, frames: Iterable[int]) -> "MechanismState":
-        """The same, for recursions that compute only the bodies which carry some frames."""
-        other = copy.copy(self)
-        other.topology = self.topology.carrying(self.topology.bodies_of(frames))
+    def carrying(self, frames: int | Iterable[int] | None) -> "MechanismState":
+        """The same, for recursions that compute only the bodies which carry some frames; as it is for None."""
+        if frames is None:
+            return self
+        other, bodies = copy.copy(self), self.topology.bodies_of([frames] if isinstance(frames, int) else frames)
+        other.topology = self.topology.carrying(bodies)
         other.__dict__.pop("joints", None)
         return other
 
@@ -242,23 +238,16 @@ class MechanismState:
         return Pose(Matrix.of_entries(self.numbers(entries)), Vector(*self.numbers(p)))
 
     def inertia(self, bundle: Bundle) -> Inertia:
-        return self._inertia("inertias", bundle.bodies)
+        return self.inertia_at("inertias", bundle.bodies)
 
-    def weld_inertia(self, weld: int) -> Inertia:
-        """The inertia of what is welded behind a fixed joint, in the axes of the frame that it holds, as numbers
-        (1, B)."""
-        return self._inertia("weld_inertias", np.array([weld]))
-
-    def _inertia(self, field: str, places: np.ndarray) -> Inertia:
+    def inertia_at(self, field: str, places: np.ndarray) -> Inertia:
+        """The inertias at these places of a field."""
         (mass,), com, central = (self.numbers(stacking.rows(x, places)) for x in self.fields[field])
         return Inertia(mass, Vector(*com), Symmetric(*central))
 
-    def armature(self, bundle: Bundle) -> Numbers:
-        """The armature of a bundle. Mimics have zeros: `mechanism.assembly` adds theirs to the joint they follow."""
-        return self.own(bundle, self.fields["armature"])
-
     def own(self, bundle: Bundle, array: Array) -> Numbers:
-        """The numbers of a bundle in an array over velocities, zeros for mimics."""
+        """The numbers of a bundle in an array over velocities, such as armature. Mimics have zeros:
+        `mechanism.assembly` adds what they have to the joint that they follow."""
         t, n = self.topology, bundle.kind.nv
         if not n:
             return ()
@@ -278,7 +267,7 @@ class MechanismState:
                 self.velocities(b, v),
                 self.velocities(b, vdot),
                 self.velocities(b, tau),
-                self.armature(b) if "armature" in self.fields else self.velocities(b, None),
+                self.own(b, self.fields["armature"]) if "armature" in self.fields else self.velocities(b, None),
             )
             for b, joint in zip(self.bundles, self.joints, strict=True)
         ]
@@ -363,7 +352,9 @@ class MechanismState:
         result = self._independent_rows(whole, places, bodies)
         for row in np.flatnonzero(self._are_mimics(bodies)).tolist():
             factor = self.numbers(stacking.rows(self.fields["mimics"], bodies[row]))[0]
-            result = stacking.added_at(result, places[row], factor * stacking.mapped(lambda w, k=row: w[k], whole))
+            followed, shape = factor * stacking.mapped(lambda w, k=row: w[k], whole), numbers.shape_of(result)
+            here = jnp.asarray(np.arange(shape[0]) == places[row]).reshape((-1, *[1] * (len(shape) - 1)))
+            result = where(jnp.broadcast_to(here, shape), result + stacking.spread(followed, shape), result)
         return result
 
     def of_independent_joints(self, results: Sequence[Numbers]) -> Number:
@@ -452,7 +443,7 @@ class MechanismState:
 
 def is_vector(x: object) -> bool:
     """Whether x is a tuple of numbers that becomes one array, and not a group of results."""
-    return type(x) in (tuple, Vector)
+    return isinstance(x, tuple) and type(x) in (tuple, Vector) and all(map(numbers.is_number, x))
 
 
 class JointsOfKind:
@@ -489,11 +480,6 @@ class JointsOfKind:
         """The cosines and sines of its angles, if the rates of its coordinates need them."""
         return {k: cosine_sine(q[k]) for k in self.kind.angles} if self.kind.rates_need_angles else {}
 
-    @property
-    def velocities_are_rates(self) -> bool:
-        """Whether dq/dt = v."""
-        return self.kind.nq == self.kind.nv and not self.kind.rates_need_angles
-
     def dq_dt(self, *velocities: Numbers) -> list[Numbers]:
         """dq/dt at each of several velocities; the rate of a quaternion is proportional to its length."""
         q, n = self.coordinates(self.state.q), self.kind.sphere[0]
@@ -503,8 +489,3 @@ class JointsOfKind:
             return rates
         unit = self.configuration(self.state.q)
         return [(*x[:n], *self.joint.rates(unit, cos_sin, v)[n:]) for x, v in zip(rates, velocities, strict=True)]
-
-    def dq_dt_of_units(self) -> list[Numbers]:
-        """dq/dt at each unit velocity: the columns of G in dq/dt = G v."""
-        n = range(self.kind.nv)
-        return self.dq_dt(*(tuple(self.state.known(float(i == k)) for i in n) for k in n))
