@@ -237,11 +237,11 @@ class PointContacts:
 
     def __repr__(self) -> str:
         parts = ["positions"] if self.positions is not None else []
-        numbers = ", ".join(f"{name}={_shown(getattr(self, name))}" for name in (*parts, *_PARAMETERS))
+        numbers = ", ".join(f"{name}={check.shown(getattr(self, name), 0)}" for name in (*parts, *_PARAMETERS))
         return f"PointContacts({list(self.frames)}, {numbers})"
 
 
-def per_frame(kind: str, name: str, x: Any, n: int, dtype: DTypeLike | None) -> Any:
+def per_frame(kind: str, name: str, x, n: int, dtype: DTypeLike | None):
     """Checks a number of the law of contacts on n frames: one for all, or one for each; the stiffness is above zero."""
     what = f"{kind}: {name}"
     if x is None:
@@ -257,9 +257,5 @@ def per_frame(kind: str, name: str, x: Any, n: int, dtype: DTypeLike | None) -> 
     return array
 
 
-def _batch_shape(name: str, x: Any) -> tuple[int, ...]:
+def _batch_shape(name: str, x) -> tuple[int, ...]:
     return x.shape[:-2] if name == "positions" else x.shape[:-1]
-
-
-def _shown(x: Any) -> str:
-    return check.shown(x, 0)

@@ -123,7 +123,7 @@ def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> Cl
     return _of(a, b, "closest_points")[1](precision)
 
 
-def _of(a: Any, b: Any, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _of(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """(the distance, the ClosestPoints) of two shapes, as functions of the precision."""
     for name, x in (("a", a), ("b", b)):
         if not isinstance(x, Shape):
@@ -172,7 +172,7 @@ def _around(center: Vector, n: Vector, distance: Numbers, radius: Numbers) -> li
     return [distance[0] - radius[0], -n, center - radius[0] * n, center - distance[0] * n]
 
 
-def _beside_half_space(a: Any, b: HalfSpace, precision: PrecisionName) -> ClosestPoints:
+def _beside_half_space(a, b: HalfSpace, precision: PrecisionName) -> ClosestPoints:
     """Of the point of a that is deepest, the one of larger coordinates of some that are."""
     core = _Cores.of(a)
     n, _ = b.normals_and_distances(precision, jnp.asarray(core.pose.p))
@@ -230,7 +230,7 @@ class _Cores(NamedTuple):
     radius: Any
 
     @classmethod
-    def of(cls, shape: Any) -> "_Cores":
+    def of(cls, shape) -> "_Cores":
         if isinstance(shape, Box):
             return cls(shape.pose, shape.size / 2, np.zeros(1, shape.dtype))
         if isinstance(shape, Cylinder):
@@ -256,31 +256,31 @@ def _distance(features_of: Callable[..., _Features], a: _Cores, b: _Cores, preci
     leaves, structure = jax.tree.flatten((a, b))
     is_data = [not isinstance(x, np.ndarray) for x in leaves]
 
-    def cores(data: Sequence[Any]) -> Any:
+    def cores(data: Sequence[Any]):
         rest = iter(data)
         whole = [next(rest) if own else x for own, x in zip(is_data, leaves, strict=True)]
         return jax.tree.unflatten(structure, whole)
 
-    def apart(data: Any, features: _Features) -> Any:
+    def separation(data, features: _Features):
         a, b = cores(data)
-        return _separation(precision, a, b, features)[0]
+        return _separated(precision, *a, *b, *features)[0]
 
     # The closest points do not count in first derivatives: to differentiate them would bring in rounding errors, which
     # are large where lines are nearly parallel. Second derivatives are those of the first.
     @jax.custom_jvp
-    def of(*data: Any) -> Any:
-        return apart(data, features_of(precision, *cores(data)))
+    def of(*data):
+        return separation(data, features_of(precision, *cores(data)))
 
     @of.defjvp
-    def _(primals: Any, tangents: Any) -> Any:
+    def _(primals, tangents):
         features = features_of(precision, *cores(primals))
-        return jax.jvp(lambda *data: apart(data, features), primals, tangents)
+        return jax.jvp(lambda *data: separation(data, features), primals, tangents)
 
     return of(*(x for own, x in zip(is_data, leaves, strict=True) if own))
 
 
 def _points(features_of: Callable[..., _Features], a: _Cores, b: _Cores, precision: PrecisionName) -> ClosestPoints:
-    found = _separation(precision, a, b, features_of(precision, a, b))
+    found = _separated(precision, *a, *b, *features_of(precision, a, b))
     return ClosestPoints(_distance(features_of, a, b, precision), *found[1:])
 
 
@@ -296,16 +296,12 @@ def _behind(point: Vector, n: Vector, distance: Numbers) -> Vector:
     return point + distance[0] * n
 
 
-def _separation(precision: PrecisionName, a: _Cores, b: _Cores, at: _Features) -> list[Any]:
-    """The numbers of ClosestPoints."""
-    return _separated(precision, a.pose, a.half, a.radius, b.pose, b.half, b.radius, *at)
-
-
 @formula
 def _separated(
     X_A: Pose, half_a: Vector, r_a: Numbers, X_B: Pose, half_b: Vector, r_b: Numbers,
     of_a: Vector, of_b: Vector, apart: Vector, penetrate: Numbers,
 ) -> list[Any]:  # fmt: skip
+    """The numbers of ClosestPoints, of two cores and their features."""
     own, other = X_A.R @ _times(half_a, of_a), X_B.R @ _times(half_b, of_b)
     w = (X_B.p - X_A.p) + (other - own)
     n, length = direction_or(w, apart, dot(apart, w))
@@ -377,10 +373,6 @@ def _across(a: Vector, b: Vector) -> tuple[Vector, Any]:
     return unit(Vector(*(where(is_parallel, float(i == 0), x) for i, x in enumerate(product)))), is_parallel
 
 
-def _of_lines(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
-    return _Features(*_of_two_lines(precision, a.pose, a.half, b.pose, b.half))
-
-
 # -- lines and boxes --------------------------------------------------------------------------------------------------
 
 
@@ -392,15 +384,10 @@ def _in_b(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[Any]:
     return [R, p, half_a, half_b]
 
 
-def _unit_vector(like: Number, k: int) -> Vector:
-    x, y, z = (constant(like, int(i == k)) for i in range(3))
-    return Vector(x, y, z)
-
-
 def _gap(p: Vector, R: Matrix, half_a: Vector, half_b: Vector, is_line: bool) -> tuple[Number, Vector]:
     """The widest gap between two boxes along normals of faces and common perpendiculars of edges, below zero where they
     penetrate, and its direction from B to A: of two sums of lines no other directions come into question."""
-    columns, e = R.T, [_unit_vector(p.x, k) for k in range(3)]
+    columns, e = R.T, [Vector(*(constant(p.x, int(i == k)) for i in range(3))) for k in range(3)]
     of_a, of_b = [(columns[k], half_a[k]) for k in range(3)], [(e[k], half_b[k]) for k in range(3)]
     axes: list[tuple[Vector, Any]] = [(x, None) for x in (e if is_line else (*e, *columns))]
     axes += [_across(columns[k], e[i]) for k in ((2,) if is_line else range(3)) for i in range(3)]
@@ -512,16 +499,12 @@ def _of_boxes(precision: PrecisionName, a: _Cores, b: _Cores) -> _Features:
     corners_a, more = _point_to_box(precision, at, Pose(R_, moved), own)
     of_a = jnp.concatenate([of_a, corners_a], -2)
     of_b = jnp.concatenate([of_b, jnp.broadcast_to(corners, (*batch, 8, 3))], -2)
-    of_a, of_b = _nearest(jnp.concatenate([squares, more], -2), of_a, of_b)
+    squares = jnp.concatenate([squares, more], -2)
+    of_a, of_b = _taken(jnp.argmin(squares[..., 0], -1), of_a, of_b)
     return _Features(of_a, of_b, n, is_in)
 
 
-def _nearest(squares: jax.Array, *several: jax.Array) -> list[jax.Array]:
-    """Of arrays (*batch, k, n) the rows (*batch, n) where the squared distance (*batch, k, 1) is least."""
-    return _rows(jnp.argmin(squares[..., 0], -1), *several)
-
-
-def _rows(which: jax.Array, *several: jax.Array) -> list[jax.Array]:
+def _taken(which: jax.Array, *several: jax.Array) -> list[jax.Array]:
     """Of arrays (*batch, k, n) the rows (*batch, n) of these numbers (*batch,)."""
     return [jnp.take_along_axis(x, which[..., None, None], -2)[..., 0, :] for x in several]
 
@@ -529,13 +512,13 @@ def _rows(which: jax.Array, *several: jax.Array) -> list[jax.Array]:
 # -- lines and boxes beside cylinders ---------------------------------------------------------------------------------
 
 
-def _root(slope: Callable[[Any], Any], low: Any, high: Any) -> Any:
+def _root(slope: Callable[[Any], Any], low, high):
     """Where numbers that are not above zero at low go above it, by bisection to the last bit; low where they nowhere
     are below. Its derivatives are those of the root."""
     low, high = map(lax.stop_gradient, (low, high))
 
-    def bisected(slope: Callable[[Any], Any], _: Any) -> Any:
-        def halve(_: Any, ends: Any) -> Any:
+    def bisected(slope: Callable[[Any], Any], _):
+        def halve(_, ends):
             low, high = ends
             middle = (low + high) / 2
             is_low = slope(middle) <= 0
@@ -543,7 +526,7 @@ def _root(slope: Callable[[Any], Any], low: Any, high: Any) -> Any:
 
         return lax.fori_loop(0, check.finfo(low.dtype).nmant + 3, halve, (low, high))[0]
 
-    def inverse(rate: Callable[[Any], Any], y: Any) -> Any:
+    def inverse(rate: Callable[[Any], Any], y):
         by = rate(jnp.ones_like(y))
         return y / jnp.where(by == 0, 1, by)
 
@@ -578,11 +561,11 @@ def _point_to_cylinder(c: Vector, e: Vector, s: Numbers, half: Vector) -> list[A
     return [nearest, (dot(w, w),)]
 
 
-def _lines_to_cylinder(precision: PrecisionName, c: Any, e: Any, half: Any, cylinder: Any) -> list[Any]:
+def _lines_to_cylinder(precision: PrecisionName, c, e, half, cylinder) -> list[Any]:
     """Of the points c + s e, |s| <= half (*batch, 1), the nearest to a cylinder: (s / half, shares of the cylinder, the
     squared distance)."""
 
-    def slope(s: Any) -> Any:
+    def slope(s):
         return _pull(precision, c, e, s, cylinder)[0]
 
     first = slope(-half)
@@ -628,7 +611,7 @@ def _between_directions(t: Vector, m: Vector, x: Numbers) -> Vector:
     return unit((1 - x[0]) * t + x[0] * m)
 
 
-def _of_rims(precision: PrecisionName, c: Any, e: Any, half: Any) -> Any:
+def _of_rims(precision: PrecisionName, c, e, half):
     """The directions (*batch, 2 k, 3), across each of k lines (*batch, k, 3), in which the gap between it and a rim is
     widest: of the upper and of the lower rim.
 
@@ -665,11 +648,6 @@ def _gap_along(n: Vector, p: Vector, R: Matrix, half_a: Vector, half_b: Vector) 
     return [Vector(*(where(along < 0, -x, x) for x in n)), (gap,)]
 
 
-def _of_each(x: Any, batch: tuple[int, ...]) -> Any:
-    """With one more axis, over parts of each item."""
-    return jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :]
-
-
 def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: bool) -> _Features:
     """The closest of the edges of A and the cylinder, and of points on its rims and the box A.
 
@@ -680,7 +658,9 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     """
     R, p, half_a, half_b = _in_b(precision, a.pose, a.half, b.pose, b.half)
     batch, dtype = p.shape[:-1], np.dtype(p.dtype)
-    R_, center, own, other = (_of_each(x, batch) for x in (R, p, half_a, half_b))
+    # With one more axis, over parts of each item.
+    each: list[Any] = [jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :] for x in (R, p, half_a, half_b)]
+    R_, center, own, other = each
     axes, middles, corners = np.array([2]), np.zeros((1, 3), dtype), np.array([[0, 0, -1], [0, 0, 1]], dtype)
     if not is_line:
         axes, middles, corners = _AXES, _MIDDLES.astype(dtype), _CORNERS.astype(dtype)
@@ -697,7 +677,7 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     # Rounding errors do not choose an edge in place of a face.
     is_face = np.arange(gaps.shape[-2]) < len(faces)
     margin = is_face * dtype.type(NONE * float(check.finfo(dtype).eps))
-    n, gap = _rows(jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1), normals, gaps)
+    n, gap = _taken(jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1), normals, gaps)
     is_in = gap < NONE * float(check.finfo(dtype).eps)
     moved: Any = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
 
@@ -711,7 +691,7 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
         rims = _on_rims(precision, jnp.concatenate([jnp.stack(columns, -2)] * 4, -2), sides)
         shares, more = _point_to_box(precision, rims * other, Pose(R_, moved), own)
         of_a, of_b, squares = (jnp.concatenate(x, -2) for x in ((of_a, shares), (of_b, rims), (squares, more)))
-    of_a, of_b = _nearest(squares, of_a, of_b)
+    of_a, of_b = _taken(jnp.argmin(squares[..., 0], -1), of_a, of_b)
     return _Features(of_a, of_b, _away(precision, b.pose.R, n), is_in.astype(dtype))
 
 
@@ -721,7 +701,7 @@ def _away(R: Matrix, n: Vector) -> Vector:
 
 
 _FEATURES = {
-    (Capsule, Capsule): _of_lines,
+    (Capsule, Capsule): lambda precision, a, b: _Features(*_of_two_lines(precision, a.pose, a.half, b.pose, b.half)),
     (Capsule, Box): _of_line_and_box,
     (Box, Box): _of_boxes,
     (Capsule, Cylinder): functools.partial(_of_cylinder, is_line=True),

@@ -69,7 +69,8 @@ class HeightField(Shape):
         for name in ("heights", "size"):
             x = getattr(self, name)
             if isinstance(x, np.ndarray) and not np.isfinite(x).all():
-                raise ValueError(f"HeightField: {name}: expected finite numbers, got {_first_that_is_not(x)}")
+                at = tuple(np.argwhere(~np.isfinite(x))[0].tolist())
+                raise ValueError(f"HeightField: {name}: expected finite numbers, got {x[at]} at {list(at)}")
         if isinstance(self.size, np.ndarray) and not (self.size > 0).all():
             raise ValueError(f"HeightField: size: expected numbers above 0, got {self.size.tolist()}")
         if not check.is_tree_mark(self.heights):
@@ -188,13 +189,7 @@ class HeightField(Shape):
         return tuple(_of_cell(precision, p, self.pose, *of))
 
 
-def _first_that_is_not(x: np.ndarray) -> str:
-    """The first number that is not finite, and where it is."""
-    at = tuple(np.argwhere(~np.isfinite(x))[0].tolist())
-    return f"{x[at]} at {list(at)}"
-
-
-def corners(heights: Any, i: jax.Array, j: jax.Array) -> jax.Array:
+def corners(heights, i: jax.Array, j: jax.Array) -> jax.Array:
     """The heights (*batch, 4) at the corners (i, j), (i, j + 1), (i + 1, j), (i + 1, j + 1) of cells (*batch,)."""
     many = heights.shape[:-2]
     if math.prod(many) != 1:
@@ -209,7 +204,7 @@ def corners(heights: Any, i: jax.Array, j: jax.Array) -> jax.Array:
 
 
 @formula
-def _cell(p: Vector, X: Pose, size: Numbers, counts: Numbers) -> Any:
+def _cell(p: Vector, X: Pose, size: Numbers, counts: Numbers):
     """Where a point is, in cells from the first corner along each axis."""
     along = local(p, X)
     return tuple((clipped(x, halved(s)) + halved(s)) / (s / n) for x, s, n in zip(along[:2], size, counts, strict=True))

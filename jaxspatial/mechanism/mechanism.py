@@ -586,12 +586,10 @@ def _replacement(name: str, old, new):
 def _read_only(mechanism: Mechanism) -> Mechanism:
     """Copies NumPy arrays that others may write to. Programs are compiled for the values, and looked up by the
     mechanism."""
-
-    def read_only(x):
-        is_open = isinstance(x, np.ndarray) and (x.base is not None or x.flags.writeable)
-        return _frozen(x) if is_open else x
-
-    return jax.tree.map(read_only, mechanism)
+    return jax.tree.map(
+        lambda x: _frozen(x) if isinstance(x, np.ndarray) and (x.base is not None or x.flags.writeable) else x,
+        mechanism,
+    )
 
 
 def _frozen(x):
@@ -604,23 +602,7 @@ def _frozen(x):
 # -- mechanisms that are constants ------------------------------------------------------------------------------------
 
 
-class ByContents:
-    """Hashable, and equal to others of its class with the same contents."""
-
-    contents: Any
-
-    @functools.cached_property
-    def _hash(self):
-        return hash(self.contents)
-
-    def __hash__(self):
-        return self._hash
-
-    def __eq__(self, other: object):
-        return self is other or (isinstance(other, type(self)) and self.contents == other.contents)
-
-
-class StaticMechanism(Mechanism, ByContents):
+class StaticMechanism(Mechanism):
     """A Mechanism that is a constant: hashable and equal by its contents, a pytree without leaves.
 
     `Mechanism.as_static` makes it; equal ones are the same object while one lives. All functions take it as they take
@@ -642,6 +624,16 @@ class StaticMechanism(Mechanism, ByContents):
         tendons = tuple((x.name, x.joints) for x in self.tendons)
         arrays = tuple((x.dtype.name, x.shape, x.tobytes()) for x in leaves)
         return self.topology, (loops, tendons, self.lifts is not None, self.turn_limits is not None), arrays
+
+    @functools.cached_property
+    def _hash(self):
+        return hash(self.contents)
+
+    def __hash__(self):
+        return self._hash
+
+    def __eq__(self, other: object):
+        return self is other or (isinstance(other, StaticMechanism) and self.contents == other.contents)
 
     def __reduce__(self):
         return Mechanism.as_static, (self._as_known(),)

@@ -25,10 +25,6 @@ class Form(NamedTuple):
     starts: str
     types: dict[str, type]
 
-    def neutral(self, t: Topology, i: int):
-        kind = t.kind(i)
-        return kind.neutral if self.size == "nq" else (0.0,) * kind.nv
-
 
 POSITIONS = Form("Mechanism.configuration: positions", "nq", "q_starts", {"free": RigidTransform, "ball": Rotation})
 VELOCITIES = Form("Mechanism.velocities: velocities", "nv", "v_starts", {"free": SpatialVelocity})
@@ -48,7 +44,9 @@ def of_all_joints(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTy
     like = check.floating_dtype(*(leaf for x in arrays.values() for leaf in _leaves(x)))
     dtype = np.dtype(dtype if like is None else like)
     given = {i: _numbers(t, form, i, x, f"{form.what}[{t.joint_names[i]!r}]", dtype) for i, x in arrays.items()}
-    own = [given.get(i, np.array(form.neutral(t, i), dtype)) for i in range(len(t)) if not t.is_mimic(i)]
+    own = list[Any]()
+    for i, kind in ((i, t.kind(i)) for i in range(len(t)) if not t.is_mimic(i)):
+        own.append(given.get(i, np.array(kind.neutral if form.size == "nq" else (0.0,) * kind.nv, dtype)))
     own = own or [np.zeros(0, dtype)]
     short = {t.joint_names[i]: x for i, x in given.items()} or {"": own[0]}
     check.require_same_dtype(**short)
@@ -80,7 +78,10 @@ def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype):
     if isinstance(x, RigidTransform | Rotation | SpatialVelocity):
         if not isinstance(x, form.types.get(kind, ())):
             check.refuse(name, f"{_described(form, kind, n)} for a {kind!r} joint", x)
-        return _array(x)
+        if isinstance(x, RigidTransform):
+            both = check.broadcast_batch(x.batch_shape, x.rotation.to_quaternion(), x.translation)
+            return jnp.concatenate(both, -1)
+        return x.to_array() if isinstance(x, SpatialVelocity) else x.to_quaternion()
     array = check.as_float_array(x, name, dtype)
     if n == 1:
         return array[..., None]
@@ -92,15 +93,6 @@ def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype):
 def _described(form: Form, kind: str, n: int) -> str:
     array = "a number or (*batch,)" if n == 1 else f"shape (*batch, {n})"
     return f"a {form.types[kind].__name__}, or {array}" if kind in form.types else array
-
-
-def _array(x):
-    if isinstance(x, SpatialVelocity):
-        return x.to_array()
-    if isinstance(x, Rotation):
-        return x.to_quaternion()
-    both = check.broadcast_batch(x.batch_shape, x.rotation.to_quaternion(), x.translation)
-    return jnp.concatenate(both, -1)
 
 
 def _value(kind: type | None, x):

@@ -149,7 +149,7 @@ class Joint:
 # -- the numbers of parts, checked ------------------------------------------------------------------------------------
 
 
-def known(x: Any) -> np.ndarray:
+def known(x) -> np.ndarray:
     """Known numbers, in float64."""
     if isinstance(x, Tracer):
         raise TypeError(

@@ -162,6 +162,9 @@ class Shape:
     if TYPE_CHECKING:
         placement: RigidTransform | None
 
+    def __post_init__(self) -> None:
+        check_shape(self)
+
     @property
     def calls_functions(self) -> bool:
         """Whether it calls functions of the caller's, which may read arrays of the caller's."""
@@ -224,8 +227,12 @@ class Shape:
 
     @property
     def pose(self) -> Pose:
-        """X_WS as arrays."""
-        return pose_of(self.placement, self.dtype)
+        """X_WS as arrays; known numbers without a placement."""
+        X = self.placement
+        if X is None:
+            entries = np.eye(3, dtype=self.dtype).ravel()
+            return Pose(entries, np.zeros(3, self.dtype))  # pyright: ignore[reportArgumentType]
+        return Pose(X.rotation.entries, X.translation)  # pyright: ignore[reportArgumentType]
 
     def of_many_points(self) -> Self:
         """The same with one more axis behind those of the batch, over points of each item.
@@ -243,13 +250,6 @@ class Shape:
         parts = [f"{k}={check.shown(getattr(self, k), (0, 3, 3)[n])}" for k, n in self._axes.items()]
         parts += [] if self.placement is None else [f"placement={self.placement!r}"]
         return f"{type(self).__name__}({', '.join(parts)})"
-
-
-def pose_of(placement: RigidTransform | None, dtype) -> Pose:
-    """A placement as arrays; known numbers for None."""
-    if placement is None:
-        return Pose(np.eye(3, dtype=dtype).ravel(), np.zeros(3, dtype))  # pyright: ignore[reportArgumentType]
-    return Pose(placement.rotation.entries, placement.translation)  # pyright: ignore[reportArgumentType]
 
 
 def _with_axis(x, n: int):
@@ -335,9 +335,6 @@ class Sphere(Shape):
 
         def __init__(self, radius: ArrayLike, placement: RigidTransform | None = None): ...
 
-    def __post_init__(self) -> None:
-        check_shape(self)
-
 
 @tree
 class Capsule(Shape):
@@ -374,9 +371,6 @@ class Capsule(Shape):
     if TYPE_CHECKING:
 
         def __init__(self, radius: ArrayLike, length: ArrayLike, placement: RigidTransform | None = None): ...
-
-    def __post_init__(self) -> None:
-        check_shape(self)
 
 
 @tree
@@ -415,9 +409,6 @@ class Box(Shape):
 
         def __init__(self, size: ArrayLike, placement: RigidTransform | None = None): ...
 
-    def __post_init__(self) -> None:
-        check_shape(self)
-
 
 @tree
 class Cylinder(Shape):
@@ -455,9 +446,6 @@ class Cylinder(Shape):
     if TYPE_CHECKING:
 
         def __init__(self, radius: ArrayLike, length: ArrayLike, placement: RigidTransform | None = None): ...
-
-    def __post_init__(self) -> None:
-        check_shape(self)
 
 
 @exported_tree_of("steps")
@@ -685,16 +673,6 @@ def _turned(X: Pose, n: Vector) -> Vector:
     return X.R @ n
 
 
-def above_plane(precision: PrecisionName, p, normal, offset) -> tuple[Any, Any]:
-    """The normal of unit length of a plane, (*batch, 3), and the signed distance (*batch,) of points (*batch, 3).
-
-    offset: (*batch, 1). The normal is of the plane's own batch.
-    """
-    # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
-    n = units(precision, normal)
-    return n, _distance(precision, n, p, offset)
-
-
 @formula
 def units(v: Vector) -> Vector:
     """v / |v|."""
@@ -751,7 +729,9 @@ class HalfSpace(Shape):
         object.__setattr__(self, "offset", check.owned(offset))
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
-        normals, distances = above_plane(precision, p, self.normal, check.expanded(self.offset))
+        # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
+        normals = units(precision, self.normal)
+        distances = _distance(precision, normals, p, check.expanded(self.offset))
         return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
 
     def __repr__(self) -> str:

@@ -77,23 +77,15 @@ class Bundle:
     @functools.cached_property
     def bodies(self):
         """The numbers of the bodies (length, width), padding included."""
-        return np.concatenate([group.bodies[:, self._columns(group)] for group in self.groups])
+        return np.concatenate([np.stack(self.by_column(group, group.bodies.T), 1) for group in self.groups])
 
     def places(self, starts: Sequence[int], n: int):
         """Where the n numbers of each of its bodies are, (length, width, n), if those of body i begin at starts[i]."""
         return np.array(starts)[self.bodies][..., None] + np.arange(n)
 
-    def _columns(self, group: Chains):
-        """Which chain of a group is in each column of the bundle."""
-        return [*range(group.width), *[0] * (self.width - group.width)]
-
-    def by_column(self, group: Chains, items: Sequence[T]):
+    def by_column(self, group: Chains, items: Sequence[T] | np.ndarray) -> list[T]:
         """The items of the chains of a group, one for each column of the bundle."""
-        return [items[c] for c in self._columns(group)]
-
-    @property
-    def ends(self):
-        return tuple(i for group in self.groups for i in group.ends)
+        return [*items, *[items[0]] * (self.width - group.width)]
 
     @functools.cached_property
     def own_rows(self):
@@ -240,7 +232,11 @@ class Topology:
         batches, depth = dict[tuple[int, str, int], list[int]](), {-1: -1}
         runs = list[tuple[int, int]]()  # (start, stop)
         for i in self._computed:
-            runs.append((runs.pop()[0] if self._continues(i) else i, i + 1))
+            # A chain goes on with the only child of its last body, by a joint of the same kind. A body on the world is
+            # a chain of its own: most of what it computes with is known.
+            is_only = i > 0 and self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
+            goes_on = is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
+            runs.append((runs.pop()[0] if goes_on else i, i + 1))
         for start, stop in runs:
             depth[stop - 1] = depth[self.parents[start]] + 1
             batches.setdefault((depth[stop - 1], self.kind(start).moves_as, stop - start), []).append(start)
@@ -285,14 +281,6 @@ class Topology:
             for kind, of_kind in joints.items()
         )
 
-    def _continues(self, i: int):
-        """Whether body i continues the chain of the one before: its only child, by a joint of the same kind. A body on
-        the world is a chain of its own: most of what it computes with is known."""
-        if i == 0:
-            return False
-        is_only = self.parents[i] == i - 1 and len(self.children[i - 1]) == 1 and self.parents[i - 1] >= 0
-        return is_only and self.kind(i).moves_as == self.kind(i - 1).moves_as
-
     @functools.cached_property
     def places(self):
         """(bundle, row, column) of every body."""
@@ -303,20 +291,17 @@ class Topology:
                 places |= {i + j: (k, first + j, c) for c, i in enumerate(group.starts) for j in range(group.length)}
         return places
 
-    @functools.cached_property
-    def _chains_by_end(self):
-        """(index in `chains`, index in that batch) of the chain that ends with a body; (-1, 0) for the world."""
-        return {-1: (-1, 0)} | {i: (k, c) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends)}
-
     def carriers(self, b: int):
         """The batches that carry batch b of `chains`, b among them: {index of a batch: [(chain of b, the chain of that
         batch which it hangs on)]}."""
+        # Of the chain that ends with a body the index in `chains`, and that in its batch.
+        by_end = {i: (k, c) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends)}
         carriers = dict[int, list[tuple[int, int]]]()
         for c in range(self.chains[b].width):
             k, carrier = b, c
             while k >= 0:
                 carriers.setdefault(k, []).append((c, carrier))
-                k, carrier = self._chains_by_end[self.chains[k].parents[carrier]]
+                k, carrier = by_end.get(self.chains[k].parents[carrier], (-1, 0))
         return carriers
 
     @functools.cached_property
