@@ -86,10 +86,12 @@ def measure(mechanism: Mechanism, lines: Sequence[Case], states: int = STATES, a
     mechanism, groups = mechanism.astype(np.float32), dict[str, list]()
     for name, *key in lines:
         groups.setdefault(name, []).append(tuple(key))
-    return [row for name in groups for row in _rows(ALGORITHMS[name], mechanism, groups[name], states, advance)]
+    return [
+        row for name in groups for row in _rows_of_algorithm(ALGORITHMS[name], mechanism, groups[name], states, advance)
+    ]
 
 
-def _rows(algorithm, mechanism, keys, states, advance):
+def _rows_of_algorithm(algorithm, mechanism, keys, states, advance):
     """One algorithm in these dtypes and precisions, timed alternately; all in numbers of float32, which every dtype
     holds."""
     state = _state(algorithm, mechanism, states)
@@ -214,12 +216,14 @@ _SAMPLE, _LONG = 200, 100
 
 
 class Application(NamedTuple):
-    """program() is the function of one item; arguments(rng, n) are n items of float32, `states` unless told."""
+    """function(the robot, *arguments) is that of one item; arguments(rng, n) are n items of float32, `states` unless
+    told."""
 
     name: str
     unit: str
-    program: Callable[[], Callable[..., jax.Array]]
+    function: Callable[..., jax.Array]
     arguments: Callable[[np.random.Generator, int], list[np.ndarray]]
+    robot: Callable[[], Mechanism | None] = lambda: None
     states: int = _SAMPLE
 
 
@@ -247,7 +251,7 @@ def loss(application: Application, advance: Advance = lambda: None, states: int 
     """Of one application, against float64, whose own error is smaller by 2^29."""
     n = application.states if states is None else states
     arguments = application.arguments(np.random.default_rng(0), n)
-    function = jax.vmap(application.program())
+    function = jax.vmap(functools.partial(application.function, application.robot()))
     (expected,) = reference(function, arguments, DEFAULT)
     advance()
     errors = {}
@@ -280,23 +284,12 @@ def _unit(x):
     return x / np.linalg.norm(x, axis=-1, keepdims=True)
 
 
-def _tip():
-    mech = chain(_LONG)
-    return lambda q, v, vdot: forward_kinematics(mech.astype(q.dtype), q, frames="tip").translation
+def _far_torque(_, tau, f, p):
+    return shift(SpatialForce(tau, f), p).tau
 
 
-def _torque_at_the_base():
-    mech = chain(_LONG)
-    return lambda q, v, vdot: inverse_dynamics(mech.astype(q.dtype), q, v, vdot)[0]
-
-
-def _far_torque():
-    return lambda tau, f, p: shift(SpatialForce(tau, f), p).tau
-
-
-def _acceleration(mass, load, coordinate):
-    mech = trolley(mass, load)
-    return lambda q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[coordinate]
+def _tip(mech, q):
+    return forward_kinematics(mech.astype(q.dtype), q, frames="tip").translation
 
 
 def _tumbling(rng, n):
@@ -322,28 +315,36 @@ def _after(mech, q, v, steps, dt):
     return lax.scan(step, (q, v), None, steps)[0][0]
 
 
-def _ten_minutes():
-    mech = satellite().replace(gravity=np.zeros(3, np.float32))
-    return lambda q, v: _after(mech, q, v, 150_000, 4e-3)[4:]
-
-
-def _gradient():
-    mech = chain(2, 0.3, 0.5)
-
-    def tip(v, q):
-        q = _after(mech, q, v, 500, 2e-3)
-        return forward_kinematics(mech.astype(q.dtype), q, frames="tip").translation[0]
-
-    return lambda q, v: jax.grad(tip)(v, q)
-
-
-_LIGHT_LOAD, _LIGHT_TROLLEY = (functools.partial(_acceleration, *x) for x in ((1e3, 1e-2, 1), (1e-2, 1e3, 0)))
 APPLICATIONS = (
-    Application("end of a chain of 100 links, 10 m", "m", _tip, _moving),
-    Application("torque that holds its base", "N m", _torque_at_the_base, _moving),
+    Application(
+        "end of a chain of 100 links, 10 m",
+        "m",
+        lambda mech, q, v, vdot: _tip(mech, q),
+        _moving,
+        functools.partial(chain, _LONG),
+    ),
+    Application(
+        "torque that holds its base",
+        "N m",
+        lambda mech, q, v, vdot: inverse_dynamics(mech.astype(q.dtype), q, v, vdot)[0],
+        _moving,
+        functools.partial(chain, _LONG),
+    ),
     Application("torque of a force of 1 kN, moved by 1 km", "N m", _far_torque, _levers),
-    Application("10 g hanging on 1 t: the light body", "rad/s²", _LIGHT_LOAD, _left_alone),
-    Application("1 t hanging on 10 g: the light body", "m/s²", _LIGHT_TROLLEY, _left_alone),
+    Application(
+        "10 g hanging on 1 t: the light body",
+        "rad/s²",
+        lambda mech, q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[1],
+        _left_alone,
+        functools.partial(trolley, 1e3, 1e-2),
+    ),
+    Application(
+        "1 t hanging on 10 g: the light body",
+        "m/s²",
+        lambda mech, q, v, tau: forward_dynamics(mech.astype(q.dtype), q, v, tau)[0],
+        _left_alone,
+        functools.partial(trolley, 1e-2, 1e3),
+    ),
 )
 
 # What the first look shows: where a precision decides, and where it does not.
@@ -352,6 +353,20 @@ FIRST_LOOK = (
         "a torque, of a force 5 km away", "N m", _far_torque, functools.partial(_levers, newton=300.0, away=5e3)
     ),
     APPLICATIONS[-1],
-    Application("a satellite after ten minutes", "m", _ten_minutes, _tumbling, 8),
-    Application("a gradient through 500 steps", "m s", _gradient, _swinging, 64),
+    Application(
+        "a satellite after ten minutes",
+        "m",
+        lambda mech, q, v: _after(mech, q, v, 150_000, 4e-3)[4:],
+        _tumbling,
+        lambda: satellite().replace(gravity=np.zeros(3, np.float32)),
+        8,
+    ),
+    Application(
+        "a gradient through 500 steps",
+        "m s",
+        lambda mech, q, v: jax.grad(lambda v: _tip(mech, _after(mech, q, v, 500, 2e-3))[0])(v),
+        _swinging,
+        functools.partial(chain, 2, 0.3, 0.5),
+        64,
+    ),
 )

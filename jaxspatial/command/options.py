@@ -1,11 +1,12 @@
 """What the command accepts: the options of its jobs."""
 
 import argparse
+import functools
 import math
 import pathlib
 import re
 from collections.abc import Callable, Sequence
-from typing import Any, NoReturn, TypeVar
+from typing import NoReturn, TypeVar
 
 from jaxspatial.command import files
 from jaxspatial.command.algorithms import ALGORITHMS
@@ -69,7 +70,7 @@ def example(name: str, has_columns: bool = True):
 class _Parser(argparse.ArgumentParser):
     """Takes -1e-3 for the number that it is, not for an option; has examples for what is given wrongly."""
 
-    def __init__(self, has_columns: bool, **names: Any):
+    def __init__(self, has_columns: bool, **names):
         super().__init__(formatter_class=argparse.RawDescriptionHelpFormatter, **names)
         self._negative_number_matcher = re.compile(r"-\.?\d")
         self._has_columns = has_columns
@@ -98,7 +99,13 @@ def measuring():
         "f_x, ... What needs a motion is only measured where the file has "
         "it. Without: a million wrenches on a rotating body",
     )
-    parser.add_argument("--offset", nargs=3, type=_metres, metavar=_XYZ, help="from P to Q, metres (p_PQ_E)")
+    parser.add_argument(
+        "--offset",
+        nargs=3,
+        type=functools.partial(_finite, what="number of metres"),
+        metavar=_XYZ,
+        help="from P to Q, metres (p_PQ_E)",
+    )
     parser.add_argument(
         "--robot",
         type=pathlib.Path,
@@ -176,7 +183,7 @@ def _add_overwrite(parser):
 class _Columns(argparse.Action):
     """part=names, for each part at most once: a dictionary of tuples."""
 
-    def __call__(self, parser, namespace, values: Any, option_string=None):
+    def __call__(self, parser, namespace, values, option_string=None):
         columns = dict(getattr(namespace, self.dest) or {})
         for text in values or ():
             part, _, names = text.partition("=")
@@ -189,29 +196,26 @@ class _Columns(argparse.Action):
 
 def _entry(text: str):
     """A number, or the name of a column."""
-    is_name = _number(text, float) is None and not decimal_point(text)
+    is_name = number_of(text, float) is None and not decimal_point(text)
     return text if is_name else _finite(text, "number")
 
 
-def _metres(text: str):
-    return _finite(text, "number of metres")
-
-
 def _finite(text: str, what: str):
-    value = _number(text, float)
+    value = number_of(text, float)
     if value is None or not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"expected a finite {what}, got {text}{decimal_point(text)}")
     return value
 
 
 def _count(text: str):
-    value = _number(text, int)
+    value = number_of(text, int)
     if value is None or value < SMALLEST:
         raise argparse.ArgumentTypeError(f"expected at least {SMALLEST} wrenches, got {text}")
     return value
 
 
-def _number(text: str, kind: Callable[[str], N]):
+def number_of(text: str, kind: Callable[[str], N]):
+    """The number that a text is; None for any other text."""
     try:
         return kind(text)
     except ValueError:
@@ -257,13 +261,9 @@ def to_shift(arguments: Sequence[str]):
         raise files.WrenchFileError(
             "--pose: is a rotation and a position; expected no --offset or --rotation beside it"
         )
-    options.output = options.output or shifted_path(options.file)
+    # By default beside the file.
+    options.output = options.output or options.file.with_stem(f"{options.file.stem}_shifted")
     if options.output.suffix.lower() != options.file.suffix.lower():
         raise files.WrenchFileError(f"--output: expected a name ending in {options.file.suffix}, as {options.file} has")
     files.writable(options.output, options.overwrite)
     return options
-
-
-def shifted_path(path: pathlib.Path):
-    """Where the shifted wrenches of a file go by default: beside it."""
-    return path.with_name(f"{path.stem}_shifted{path.suffix}")

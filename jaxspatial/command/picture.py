@@ -43,7 +43,10 @@ def draw(result: Result, file, ending: str = "png"):
     figure = Figure(figsize=(16, 4.75 * len(places)), layout="constrained")
     axes: dict[str, Axes] = figure.subplot_mosaic(places)
     for dtype in dtypes:
-        _draw_trade(axes[dtype], [row for row in result.rows if row.case.dtype == dtype], dtype)
+        rows = [row for row in result.rows if row.case.dtype == dtype]
+        each = [(row.case, (trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)), {"alpha": 0.85}) for row in rows]
+        _draw_points(axes[dtype], each, _MARKERS)
+        axes[dtype].set(ylabel=f"{dtype}: worst error,\nulps of a cancelled result")
     if dtypes:
         _label_trade([axes[dtype] for dtype in dtypes], result)
     if result.curves:
@@ -108,13 +111,6 @@ def _places(result, dtypes):
 # -- the trade-off: one axes per dtype ---------------------------------------------------------------------------------
 
 
-def _draw_trade(axes, rows, dtype):
-    """Every case as a point; those of one operation joined, from fast to faithful."""
-    points = [(row.case, (trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)), {"alpha": 0.85}) for row in rows]
-    _draw_points(axes, points, _MARKERS)
-    axes.set(ylabel=f"{dtype}: worst error,\nulps of a cancelled result")
-
-
 def _draw_points(axes, points, markers):
     """Points (case, place, style); those of one operation in one dtype joined, in the colours of their precisions."""
     for group in dict.fromkeys(case[:2] for case, _, _ in points):
@@ -134,12 +130,17 @@ def _shown(ulps):
 
 def _label_trade(axes, result):
     """One scale for both, and a legend beside each."""
-    limits = [a.get_xlim() for a in axes]
+    limits, names = [a.get_xlim() for a in axes], dict.fromkeys(row.case.operation for row in result.rows)
+    keys = {
+        "precision": [_key("o", name, colour) for name, colour in _COLOURS.items()],
+        "operation": [_key(_MARKERS[name], OPERATIONS[name].title) for name in names],
+        "lines": [_line("-", "one operation, in\nits four precisions", color=_LIGHT), _line(":", _CORRECTLY)],
+    }
     for a in axes:
         a.set(xlim=(min(low for low, _ in limits), max(high for _, high in limits)), ylim=(_LOWEST, None))
         _number_decades(a.xaxis)
         a.axhline(_ROUNDED, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
-        _add_legend(a, _keys_of_trade(result))
+        _add_legend(a, keys)
     axes[0].set_title("What an operation costs, and what its result is worth")
     axes[-1].set_xlabel(f"time per item, ns (median, {result.sizes[0]:,} items in cache)")
     _explain(
@@ -159,15 +160,6 @@ def _number_decades(axis):
 def _explain(axes, text):
     """Beneath the label of the x axis."""
     axes.set_xlabel(f"{axes.get_xlabel()}\n{text}", linespacing=1.4)
-
-
-def _keys_of_trade(result):
-    names = dict.fromkeys(row.case.operation for row in result.rows)
-    return {
-        "precision": [_key("o", name, colour) for name, colour in _COLOURS.items()],
-        "operation": [_key(_MARKERS[name], OPERATIONS[name].title) for name in names],
-        "lines": [_line("-", "one operation, in\nits four precisions", color=_LIGHT), _line(":", _CORRECTLY)],
-    }
 
 
 def _add_legend(axes, keys, **place):
@@ -211,7 +203,11 @@ def _draw_conditions(axes, curves):
         "an ulp is the unit in the last place of the exact result",
     )
     axes.set_ylabel("worst error, ulps of a cancelled result; no point where all results are exact")
-    _draw_ends(axes, dict.fromkeys(curve.dtype for curve in curves))
+    for dtype in dict.fromkeys(curve.dtype for curve in curves):
+        # Where an error is as large as the result.
+        lost = 2.0 / float(np.finfo(dtype).eps)
+        axes.axhline(lost, color=_GREY, linewidth=0.8, linestyle=":")
+        axes.text(6e32, lost * 1.3, f"{dtype}: no digit is right above", ha="right", fontsize=8, color=_GREY)
     _label_conditions(axes, {(curve.precision, curve.dtype) for curve in curves})
     _add_legend(axes, _keys_of_conditions(curves), loc="upper left", framealpha=1, edgecolor="white").set_zorder(3)
     axes.grid(alpha=0.25)
@@ -225,14 +221,6 @@ def _draw_curve(axes, curve):
     axes.plot(x, [point.worst_ulps or np.nan for point in points], color=colour, linewidth=1.2, **marker)
     dense = np.geomspace(1, max(x), 200)
     axes.plot(dense, trade.promised_ulps(curve, dense), color=colour, linewidth=0.8, linestyle="--")
-
-
-def _draw_ends(axes, dtypes):
-    """Where an error is as large as the result."""
-    for dtype in dtypes:
-        lost = 2.0 / float(np.finfo(dtype).eps)
-        axes.axhline(lost, color=_GREY, linewidth=0.8, linestyle=":")
-        axes.text(6e32, lost * 1.3, f"{dtype}: no digit is right above", ha="right", fontsize=8, color=_GREY)
 
 
 def _label_conditions(axes, known):
@@ -271,8 +259,12 @@ _OF_ALGORITHMS = dict(zip(ALGORITHMS, "os", strict=True))
 
 def _draw_algorithms(axes, rows):
     """One algorithm in one dtype joined, from fast to compensated."""
-    faces = [{"markerfacecolor": _face(row.case.dtype, _COLOURS[row.case.precision])} for row in rows]
-    points = [(row.case, _point(row), face) for row, face in zip(rows, faces, strict=True)]
+    points = list[tuple]()
+    for row in rows:
+        # The error of the reference nobody knows: it is drawn where it is promised to be.
+        worst = _ROUNDED if np.isnan(row.worst_ulps) else _shown(row.worst_ulps)
+        face = {"markerfacecolor": _face(row.case.dtype, _COLOURS[row.case.precision])}
+        points.append((row.case, (trade.nanoseconds(row.seconds) / 1e3, worst), face))
     _draw_points(axes, points, _OF_ALGORITHMS)
     axes.set(title="What a whole algorithm costs, and what its result is worth")
     _number_decades(axes.xaxis)
@@ -281,11 +273,6 @@ def _draw_algorithms(axes, rows):
     axes.axhline(_ROUNDED, color=_GREY, linewidth=0.8, linestyle=":", zorder=0)
     _explain(axes, "All errors are those against float64 compensated, which is drawn as rounded correctly")
     _add_legend(axes, _keys_of_algorithms(rows))
-
-
-def _point(row):
-    """Time and error; the reference, whose error nobody knows, where it is promised to be."""
-    return trade.nanoseconds(row.seconds) / 1e3, _ROUNDED if np.isnan(row.worst_ulps) else _shown(row.worst_ulps)
 
 
 def _keys_of_algorithms(rows):

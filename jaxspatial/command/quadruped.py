@@ -38,7 +38,7 @@ def standing() -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([np.array([1, 0, 0, 0, 0, 0, height], np.float32), _STANCE]), np.zeros(18, np.float32)
 
 
-def step(mech: Mechanism, q: Any, v: Any, push: Any) -> ConvexStep:
+def step(mech: Mechanism, q, v, push) -> ConvexStep:
     """The state after DT, with a force `push` (3,), N in world axes, on the trunk."""
     tau = jnp.concatenate([jnp.zeros(6, q.dtype), _STIFFNESS * (_STANCE - q[7:]) - v[6:]])
     return convex_step(mech, q, v, tau, DT, {"trunk": SpatialForce(f=push)}, contacts=FEET, ground=GROUND)

@@ -28,7 +28,7 @@ Numbers that are not finite are null: the condition number of an exact result of
 import json
 import math
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -69,7 +69,9 @@ class Result(NamedTuple):
                 "sizes": dict(zip(("in_cache", "streamed"), self.sizes, strict=True)),
                 "power": {dtype: {**p._asdict(), "bound": POWER_BOUND} for dtype, p in self.powers.items()},
                 "rows": [_row(row) for row in self.rows],
-                "conditions": [_curve(curve) for curve in self.curves],
+                "conditions": [
+                    {**c._asdict(), "holds": c.holds, "points": [x._asdict() for x in c.points]} for c in self.curves
+                ],
                 "algorithms": [_evaluated(row) for row in self.algorithms],
                 "applications": [loss._asdict() for loss in self.losses],
                 "broken": self.broken,
@@ -87,12 +89,12 @@ def readable(x: float):
     return f"{x:.1e}".replace("e-0", "e-").replace("e+0", "e")
 
 
-def as_json(x: Any):
+def as_json(x):
     """A tree of dicts, lists, numbers and texts as JSON that every reader takes: NaN and infinities are null."""
     return json.dumps(_finite(x), indent=1, allow_nan=False)
 
 
-def _finite(x: Any) -> Any:
+def _finite(x):
     if isinstance(x, dict):
         return {key: _finite(value) for key, value in x.items()}
     if isinstance(x, (list, tuple)):
@@ -122,8 +124,3 @@ def _times(seconds):
 def _evaluated(row: Evaluated):
     errors = {"worst_ulps": row.worst_ulps, "worst": row.worst_in_units, "unit": row.unit}
     return {**row.case._asdict(), **_times(row.seconds), "compile_seconds": row.compile_seconds, **errors}
-
-
-def _curve(curve: Curve):
-    named = {name: getattr(curve, name) for name in ("operation", "dtype", "precision", "holds")}
-    return {**named, "points": [point._asdict() for point in curve.points]}

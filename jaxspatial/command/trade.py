@@ -113,10 +113,12 @@ def measure(
 ):
     """The rows of these lines for these wrenches (float64 arrays), repeated or cut to each size, and this offset."""
     groups = dict.fromkeys((case.operation, case.dtype) for case in lines)
-    return [row for name, dtype in groups for row in _rows(name, wrenches, offset, dtype, largest, advance)]
+    return [
+        row for name, dtype in groups for row in _rows_of_operation(name, wrenches, offset, dtype, largest, advance)
+    ]
 
 
-def _rows(name, wrenches, offset, dtype, largest, advance):
+def _rows_of_operation(name, wrenches, offset, dtype, largest, advance):
     """The rows of one operation in one dtype: its precisions are timed alternately, and share the exact results."""
     operation, precisions, (in_cache, streamed) = OPERATIONS[name], [str(p) for p in Precision], sizes(largest)
 
@@ -307,17 +309,17 @@ def power(wrenches: Wrenches, offset: ArrayLike, dtype: str, sample: int = 2_000
         F, V, p = SpatialForce(tau, f), SpatialVelocity(w, v), jnp.asarray(offset, dtype)
         before, after = (np.asarray(x) for x in jax.jit(_powers)(F, V, p))
     some = np.linspace(0, len(before) - 1, min(sample, len(before))).astype(int)
-    _, mag = error.evaluate(_power_about_Q, *(np.asarray(x)[some] for x in (F.tau, F.f, V.w, V.v)), np.asarray(p))
+    _, mag = error.evaluate(
+        lambda tau, f, w, v, p: ((tau - np.cross(p, f)) * w).sum(-1) + (f * (v + np.cross(w, p))).sum(-1),
+        *(np.asarray(x)[some] for x in (F.tau, F.f, V.w, V.v)),
+        np.asarray(p),
+    )
     difference = error.in_u_of(after[some], error.rationals(before[some]), mag, flushed=30).max()
     return Power(float(before.astype(np.float64).sum()), float(after.astype(np.float64).sum()), float(difference))
 
 
 def _powers(F, V, p):
     return dot(F, V), dot(jax.vmap(shift, in_axes=(0, None))(F, p), jax.vmap(shift, in_axes=(0, None))(V, p))
-
-
-def _power_about_Q(tau, f, w, v, p):
-    return ((tau - np.cross(p, f)) * w).sum(-1) + (f * (v + np.cross(w, p))).sum(-1)
 
 
 def fits(wrenches: Wrenches, offset: ArrayLike, dtype: DTypeLike):

@@ -21,7 +21,7 @@ import numpy as np
 
 from jaxspatial.command import files
 from jaxspatial.command.files import WrenchFileError
-from jaxspatial.command.options import ENDINGS, PARTS, decimal_point, example
+from jaxspatial.command.options import ENDINGS, PARTS, decimal_point, example, number_of
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialForce, SpatialVelocity, act, rotate, shift
 
@@ -91,7 +91,7 @@ class Text:
         try:
             return np.fromiter(map(float, cells), np.float64, self._n)
         except ValueError:
-            i, text = next((i, text) for i, text in enumerate(cells) if not _is_number(text))
+            i, text = next((i, text) for i, text in enumerate(cells) if number_of(text, float) is None)
             where = f"row {self.first + i + 1}, column {name}"
             hint = decimal_point(text)
             raise WrenchFileError(f"{self.path}: expected a number, got {text!r} in {where}{hint}") from None
@@ -146,14 +146,6 @@ def _texts(path: pathlib.Path, rows: int, advance: Callable[[float], Any] = lamb
     if not first:
         found = f"; found {', '.join(names)}" if names else ", found nothing"
         raise WrenchFileError(f"{path}: expected at least one wrench, got no rows{found}")
-
-
-def _is_number(text):
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 class WrenchFile:
