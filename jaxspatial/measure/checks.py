@@ -6,9 +6,10 @@ Everything is compiled, run, and compared with NumPy or with exact rationals. Wh
 can break again: a flag, a release or a new device are enough.
 """
 
+import operator
 import os
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -78,7 +79,7 @@ class Report(NamedTuple):
 
     __repr__ = __str__
 
-    def to_dict(self) -> dict[str, Any]:
+    def to_dict(self) -> dict:
         """As it goes into JSON.
 
         Example:
@@ -106,16 +107,14 @@ def self_check() -> Report:
         >>> print(report.holds, report.conclusion)
         True All promises hold here.
     """
-    findings = tuple(_finding(name, check) for name, check in _CHECKS.items())
-    return Report(findings, f"{timing.machine()}\nXLA_FLAGS: {os.environ.get('XLA_FLAGS') or 'none'}")
-
-
-def _finding(name, check):
-    """The finding of a check; one that cannot even run is a promise that does not hold."""
-    try:
-        return Finding(name, *check())
-    except Exception as problem:  # noqa: BLE001 - a backend may fail in any way
-        return Finding(name, *held(False, f"cannot be run: {type(problem).__name__}: {str(problem)[:200]}"))
+    findings = list[Finding]()
+    for name, check in _CHECKS.items():
+        try:
+            findings.append(Finding(name, *check()))
+        except Exception as problem:  # noqa: BLE001 - a backend may fail in any way, and what cannot run does not hold
+            text = f"cannot be run: {type(problem).__name__}: {str(problem)[:200]}"
+            findings.append(Finding(name, *judged(False, text)))
+    return Report(tuple(findings), f"{timing.machine()}\nXLA_FLAGS: {os.environ.get('XLA_FLAGS') or 'none'}")
 
 
 # A check returns of its `Finding` all but the name: holds, measured, advice.
@@ -124,10 +123,10 @@ def _finding(name, check):
 def verdict(shares: dict[str, float], what: str, advice: str = ""):
     """The finding of a promise that no result may break; shares: dtype -> share of results that do."""
     text = ", ".join(f"{share:.0%} in {name}" for name, share in shares.items() if share)
-    return held(not text, f"broken for {text} of the results" if text else what, advice)
+    return judged(not text, f"broken for {text} of the results" if text else what, advice)
 
 
-def held(holds: bool, measured: str, advice: str = ""):
+def judged(holds: bool, measured: str, advice: str = ""):
     """The finding of a promise: what usually is to blame, where it does not hold and nothing better is known."""
     return holds, measured, "" if holds else advice or _cause()
 
@@ -185,12 +184,9 @@ def finite(x):
 
 
 def contracted():
-    def determinant(a, b, c, d):
-        return a * b - c * d
-
     with _in_dtype("float32"):
-        arrays = inputs.benign(_rng(), 4, 400, "float32")
-        share = differing([jax.jit(determinant)(*arrays)], [determinant(*arrays)])
+        a, b, c, d = inputs.benign(_rng(), 4, 400, "float32")
+        share = differing([jax.jit(lambda a, b, c, d: a * b - c * d)(a, b, c, d)], [a * b - c * d])
     if share:
         advice = "precision 'fast' depends on the program around it; the other three do not"
         return None, f"contracted: a*b - c*d differs from NumPy in {share:.0%} of the lanes", advice
@@ -251,15 +247,7 @@ def float64():
 # -- building blocks: error-free transforms, quotients, double words ---------------------------------------------------
 
 
-def two_sum():
-    return _transform(transforms.two_sum, lambda a, b: a + b, constants=True)
-
-
-def two_product():
-    return _transform(transforms.two_product, lambda a, b: a * b)
-
-
-def _transform(transform, operator, constants=False):
+def error_free(transform, operation, constants=False):
     """A transform, of (a, b) to a rounded number and its error, in programs that use both or the error alone: a
     compiler that sees less of the result has other ideas."""
 
@@ -271,28 +259,28 @@ def _transform(transform, operator, constants=False):
         a, b = (x[:, 0] for x in inputs.benign(_rng(), 2, 200, dtype))
         with _in_dtype(dtype):
             programs = (lambda *x: jax.jit(transform)(*x)[1], jax.jit(jax.vmap(alone)), jax.jit(_scanned(alone)))
-            wrong = [_wrong(program, operator, a, b) for program in programs]
-            wrong += _wrong_with_constants(transform, operator, a) if constants else []
+            wrong = [_wrong(program, operation, a, b) for program in programs]
+            wrong += _wrong_with_constants(transform, operation, a) if constants else []
         shares[dtype] = max(wrong)
     where = "jit, vmap, scan, error alone" + (", constants" if constants else "")
     return verdict(shares, f"exact ({where})")
 
 
-def _wrong(errors, operator, a, b):
+def _wrong(errors, operation, a, b):
     """The share of lanes in which rounded result and error do not add up to the exact one."""
     computed = errors(jnp.asarray(a), jnp.asarray(b))
-    exactly = operator(rationals(a), rationals(b))
-    return float((rationals(finite(computed)) != exactly - rationals(operator(a, b))).mean())
+    exactly = operation(rationals(a), rationals(b))
+    return float((rationals(finite(computed)) != exactly - rationals(operation(a, b))).mean())
 
 
-def _wrong_with_constants(transform, operator, a):
+def _wrong_with_constants(transform, operation, a):
     c = np.full_like(a, 0.7)
     known = jnp.asarray(c[0])
     orders = (
         lambda a, _: transform(jnp.full_like(a, known), a),
         lambda a, _: transform(a, jnp.full_like(a, known)),
     )
-    return [_wrong(lambda *x, order=order: jax.jit(order)(*x)[1], operator, a, c) for order in orders]
+    return [_wrong(lambda *x, order=order: jax.jit(order)(*x)[1], operation, a, c) for order in orders]
 
 
 def division():
@@ -317,7 +305,7 @@ def double_words():
     u = error.unit_roundoff("float32")
     worst = [_over_square(c, e, u) for c, e in zip(computed, expected, strict=True)]
     holds = all(error <= limit for error, limit in zip(worst, [DOUBLE_WORDS[x] for x in "+*/"], strict=True))
-    return held(holds, "float32: worst errors {:.2g}, {:.2g}, {:.2g} u^2 (+, *, /)".format(*worst))
+    return judged(holds, "float32: worst errors {:.2g}, {:.2g}, {:.2g} u^2 (+, *, /)".format(*worst))
 
 
 def _value(x):
@@ -351,15 +339,11 @@ def reproducible_bits():
 
 
 def bounds(precision: Precision):
-    """A check that holds a precision against its promise: values and derivatives, in the dtypes of `DTYPES`."""
-
-    def check():
-        worst = {d: max(_values_over(precision, d), _derivatives_over(precision, d)) for d in DTYPES}
-        numbers = ", ".join(f"{ratio:.2g} ({dtype})" for dtype, ratio in worst.items())
-        what = "shift and dot at any condition number, in batches and item by item, and derivatives"
-        return held(max(worst.values()) <= 1, f"{what}: worst error over promised {numbers}")
-
-    return check
+    """Holds a precision against its promise: values and derivatives, in the dtypes of `DTYPES`."""
+    worst = {d: max(_values_over(precision, d), _derivatives_over(precision, d)) for d in DTYPES}
+    numbers = ", ".join(f"{ratio:.2g} ({dtype})" for dtype, ratio in worst.items())
+    what = "shift and dot at any condition number, in batches and item by item, and derivatives"
+    return judged(max(worst.values()) <= 1, f"{what}: worst error over promised {numbers}")
 
 
 def _values_over(precision, dtype):
@@ -422,10 +406,10 @@ _CHECKS = {
     "float16 and bfloat16": narrow_formats,
     "default precision of jnp.matmul": matmul,
     "float64": float64,
-    "error-free sums": two_sum,
-    "error-free products": two_product,
+    "error-free sums": partial(error_free, transforms.two_sum, operator.add, constants=True),
+    "error-free products": partial(error_free, transforms.two_product, operator.mul),
     "quotients": division,
     "double words": double_words,
     "precision 'reproducible'": reproducible_bits,
-    **{f"precision '{p}'": bounds(p) for p in Precision if p.sees_whole_sums},
+    **{f"precision '{p}'": partial(bounds, p) for p in Precision if p.sees_whole_sums},
 }

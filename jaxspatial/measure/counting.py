@@ -14,9 +14,7 @@ _NAMES |= {"neg": "negate", "select": "select", "abs": "abs", "sqrt": "sqrt"}
 _NAMES |= dict.fromkeys(graph.COMPARISONS, "compare")
 
 
-def count_operations(
-    function: Callable[..., Any], *arguments: Any, in_all_turns: bool = True
-) -> collections.Counter[str]:
+def count_operations(function: Callable, *arguments: Any, in_all_turns: bool = True) -> collections.Counter[str]:
     """Counts the operations on numbers that a function asks for: what a scene costs, and what its known numbers save.
 
     Counted is what machine code of this library does on CPUs for these arguments. What nothing needs is left out. What

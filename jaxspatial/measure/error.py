@@ -1,10 +1,8 @@
 """Exact results, and how far off computed ones are: in ulps by component and by vector, and in the unit of bounds."""
 
-import functools
 import math
 from collections.abc import Callable
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
 from jax.typing import DTypeLike
@@ -79,7 +77,7 @@ def attribute(array: np.ndarray, name: str):
     return np.asarray(np.frompyfunc(lambda x: getattr(x, name), 1, 1)(array), dtype=object)
 
 
-def evaluate(formula: Callable[..., Any], *arrays: ArrayLike):
+def evaluate(formula: Callable, *arrays: ArrayLike):
     """(exact value, mag) of a formula over arrays: two arrays of Fractions; mag adds up the sizes of all terms.
 
     Example:
@@ -130,7 +128,7 @@ def in_ulps(computed: ArrayLike, exact: ArrayLike):
         0.3333333333333333
     """
     info = check.finfo(np.asarray(computed).dtype)
-    return _over(computed, exact, lambda e, _: _ulp(e, info), exact)
+    return _ratios(computed, exact, lambda e, _: _ulp(e, info), exact)
 
 
 def in_ulps_of_norm(computed: ArrayLike, exact: ArrayLike):
@@ -145,7 +143,7 @@ def in_ulps_of_norm(computed: ArrayLike, exact: ArrayLike):
         0.3333333333333333
     """
     info, exact = check.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
-    return _over(computed, exact, lambda _, m: _ulp(m, info), abs(exact).max(-1, keepdims=True)).max(-1)
+    return _ratios(computed, exact, lambda _, m: _ulp(m, info), abs(exact).max(-1, keepdims=True)).max(-1)
 
 
 def agrees_when_not_finite(computed: ArrayLike, expected: ArrayLike):
@@ -174,7 +172,7 @@ def in_u_of(computed: ArrayLike, exact: ArrayLike, magnitude: ArrayLike, flushed
         True
     """
     u = unit_roundoff(np.asarray(computed).dtype)
-    return _over(computed, exact, lambda _, m: u * m, magnitude, flushed)
+    return _ratios(computed, exact, lambda _, m: u * m, magnitude, flushed)
 
 
 def in_units_of(allowed: ArrayLike | Fraction, computed: ArrayLike, exact: ArrayLike, flushed: int = 0):
@@ -188,7 +186,7 @@ def in_units_of(allowed: ArrayLike | Fraction, computed: ArrayLike, exact: Array
         >>> print(js.measure.in_units_of(mag * js.measure.unit_roundoff(np.float32), x * y, exact) <= 1)
         True
     """
-    return _over(computed, exact, lambda _, a: a, allowed, flushed)
+    return _ratios(computed, exact, lambda _, a: a, allowed, flushed)
 
 
 def allowed(promise: Promise, precision: str, value, mag, dtype: DTypeLike, condition=1):
@@ -197,20 +195,16 @@ def allowed(promise: Promise, precision: str, value, mag, dtype: DTypeLike, cond
     return promise.allowed(precision, unit_roundoff(dtype), ulps, value, mag, condition)
 
 
-def _over(computed, exact, unit, magnitude, flushed=0):
+def _ratios(computed, exact, unit, magnitude, flushed=0):
     """|computed - exact| over unit(exact, magnitude), once `flushed` smallest normal numbers are taken off."""
     computed, exact, magnitude = np.broadcast_arrays(*map(np.asarray, (computed, exact, magnitude)))
     finite = np.isfinite(computed.astype(np.float64))
     errors = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - exact)
     if flushed:
         errors = np.maximum(errors - flushed * Fraction(float(check.finfo(computed.dtype).tiny)), 0)
-    ratios = np.frompyfunc(functools.partial(_ratio, unit), 3, 1)(errors, exact, magnitude)
+    sizes = np.frompyfunc(unit, 2, 1)(exact, magnitude)
+    ratios = np.frompyfunc(lambda e, size: float(e / size) if size else math.inf if e else 0.0, 2, 1)(errors, sizes)
     return np.where(finite, np.asarray(ratios, np.float64), np.inf)
-
-
-def _ratio(unit, error, exact, magnitude):
-    size = unit(exact, magnitude)
-    return float(error / size) if size else (math.inf if error else 0.0)
 
 
 def _ulp(x, info):

@@ -4,9 +4,10 @@
 Its arguments are named after arrays (n, 3): those of `Wrenches`, the offset p, and the accelerations alpha, a.
 """
 
+import functools
 from collections.abc import Callable, Sequence
 from fractions import Fraction
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -59,7 +60,7 @@ class Operation(NamedTuple):
     name: str
     arguments: tuple[str, ...]  # names of the arrays it takes
     function: Callable[..., tuple[jax.Array, ...]]  # (precision, *arguments of one item) -> parts
-    formulas: tuple[Callable[..., Any], ...]  # the same over numbers of any kind, per part
+    formulas: tuple[Callable, ...]  # the same over numbers of any kind, per part
     units: tuple[str, ...]  # per part
     bounds: tuple[Promise, ...]  # per part
     flushed: int  # so many finfo.tiny are forgiven: one for each product, its error, and each sum of a component
@@ -121,14 +122,9 @@ class Operation(NamedTuple):
         return worst, np.concatenate(ulps)
 
 
-def _cross_motion(precision, w, v, alpha, a):
-    rate = cross(SpatialVelocity(w, v), SpatialAcceleration(alpha, a), precision=precision)
-    return rate.alpha, rate.a
-
-
-def _cross_force(precision, w, v, tau, f):
-    rate = cross(SpatialVelocity(w, v), SpatialForce(tau, f), precision=precision)
-    return rate.tau, rate.f
+def _crossed(kind, precision, w, v, rotational, translational):
+    rate = cross(SpatialVelocity(w, v), kind(rotational, translational), precision=precision)
+    return rate.rotational, rate.translational
 
 
 def _power(tau, f, w, v):
@@ -159,12 +155,12 @@ OPERATIONS = {
             units=("m/s²",), bounds=(SHIFT_ACCELERATION,), flushed=32, size=3, flipped=(2,), in_place=1,
         ),
         Operation(
-            "cross_motion", ("w", "v", "alpha", "a"), _cross_motion,
+            "cross_motion", ("w", "v", "alpha", "a"), functools.partial(_crossed, SpatialAcceleration),
             (lambda w, v, alpha, a: np.cross(w, alpha), lambda w, v, alpha, a: np.cross(w, a) + np.cross(v, alpha)),
             units=("rad/s³", "m/s³"), bounds=(CROSS_ONE, CROSS_TWO), flushed=12, size=6, flipped=(0, 1),
         ),
         Operation(
-            "cross_force", ("w", "v", "tau", "f"), _cross_force,
+            "cross_force", ("w", "v", "tau", "f"), functools.partial(_crossed, SpatialForce),
             (lambda w, v, tau, f: np.cross(w, tau) + np.cross(v, f), lambda w, v, tau, f: np.cross(w, f)),
             units=("N m/s", "N/s"), bounds=(CROSS_TWO, CROSS_ONE), flushed=12, size=6, flipped=(0, 1),
         ),

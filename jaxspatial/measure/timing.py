@@ -5,7 +5,7 @@ import platform
 import time
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from importlib.metadata import version
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +20,7 @@ Advance = Callable[[], object]
 
 
 def interleaved(
-    cases: Mapping[Name, Callable[[], Any]],
+    cases: Mapping[Name, Callable],
     rounds: int = 15,
     advance: Advance = lambda: None,
     limit: float = float("inf"),
@@ -121,7 +121,7 @@ class Recommendation:
         )
 
 
-def recommend(function: Callable[..., Any], *arguments: Any, tolerance: float, rounds: int = 9):
+def recommend(function: Callable, *arguments, tolerance: float, rounds: int = 9):
     """Which precision a function needs on given arguments, and what each costs on this machine.
 
     The function is compiled in each precision, as the default (calls inside that name one keep it), timed alternately,

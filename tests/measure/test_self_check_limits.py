@@ -24,7 +24,7 @@ def test_an_error_may_be_what_is_promised_and_no_more(precision, part, dtype, mo
         monkeypatch.setattr(checks, "_values_over", lambda p, d: 0.5)
         monkeypatch.setattr(checks, "_derivatives_over", lambda p, d: 0.5)
         monkeypatch.setattr(checks, part, lambda p, d, worst=worst: worst if d == dtype else 0.5)
-        holds, measured, advice = checks.bounds(precision)()
+        holds, measured, advice = checks.bounds(precision)
         assert holds is (worst <= 1) and f"{worst:.2g} ({dtype})" in measured and bool(advice) is (worst > 1)
 
 
@@ -79,7 +79,7 @@ def test_transforms_that_are_not_exact_are_seen(wrong):
         s = a + b
         return (s, jnp.zeros_like(s)) if wrong == "error" else (s + s, s - s)
 
-    holds, measured, _ = checks._transform(two_sum, lambda a, b: a + b, constants=True)
+    holds, measured, _ = checks.error_free(two_sum, lambda a, b: a + b, constants=True)
     assert holds is False and "broken" in measured
 
 
