@@ -6,7 +6,6 @@ that is computed with, and without a warning: nobody chose theirs.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -29,7 +28,7 @@ def to_rows(
     q: ArrayLike,
     forces: ExternalForces,
     row: Callable[[str], int],
-    centers: Any,
+    centers: np.ndarray | jax.Array,
     precision: PrecisionName,
 ) -> jax.Array:
     """Makes (*batch, n, 6) [f; tau] about the centres of mass of the n bodies of a simulator, in world axes.
@@ -65,7 +64,7 @@ def to_rows(
     return jnp.concatenate([six, jnp.zeros_like(six[..., :1, :])], -2)[..., source, :]
 
 
-def from_rows(names: Sequence[str], rows: jax.Array, centers: Any) -> AppliedForces:
+def from_rows(names: Sequence[str], rows: jax.Array, centers: np.ndarray | jax.Array) -> AppliedForces:
     """Reads (*batch, n, 6) [f; tau] about the centres of mass of n bodies with these names, in world axes.
 
     centers: as of `to_rows`.

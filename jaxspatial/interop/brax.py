@@ -6,7 +6,7 @@ of it; and that `inv_do` of a Force returns NotImplemented. Read: brax/base.py, 
 """
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -135,7 +135,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> "base.Force":
     return base.Force(**_parts(F))
 
 
-def _parts(x: SpatialVector) -> dict[str, Any]:
+def _parts(x: SpatialVector) -> dict:
     """Brax computes with arrays alone: a part that is a known zero becomes one."""
     return {name: as_array(part, x.batch_shape) for name, part in zip(("ang", "vel"), x._vectors, strict=True)}
 

@@ -19,7 +19,7 @@ _KINDS = {kind.__name__: kind for kind in (SpatialForce, SpatialVelocity, Spatia
 # -- spatial vectors, and wrenches on bodies ---------------------------------------------------------------------------
 
 
-def from_spatial_vector(x: Any) -> Any:
+def from_spatial_vector(x):
     """Reads pydrake's SpatialForce, SpatialVelocity, SpatialAcceleration or SpatialMomentum: ours has the same name.
 
     Point, frame and units are the same: F_Bp_E is [tau; f] about Bp, V_MBp_E [w; v] of Bp, A_MBp_E [alpha; a] with a
@@ -39,7 +39,7 @@ def from_spatial_vector(x: Any) -> Any:
     return _KINDS[name].from_array(x.get_coeffs())
 
 
-def to_spatial_vector(x: SpatialVector) -> Any:
+def to_spatial_vector(x: SpatialVector):
     """Makes pydrake's spatial vector of the same name: a single force, velocity, acceleration or momentum.
 
     Example:
@@ -52,7 +52,7 @@ def to_spatial_vector(x: SpatialVector) -> Any:
     return getattr(math, type(x).__name__)(orders.single(x.to_array(), "drake.to_spatial_vector"))
 
 
-def from_externally_applied(force: Any, X_WB: RigidTransform) -> SpatialForce:
+def from_externally_applied(force, X_WB: RigidTransform) -> SpatialForce:
     """Reads an ExternallyAppliedSpatialForce: a wrench about Bq in the world's axes, with Bq given in those of body B.
 
     Args:
@@ -72,11 +72,11 @@ def from_externally_applied(force: Any, X_WB: RigidTransform) -> SpatialForce:
         ...     js.interop.drake.from_externally_applied(force, js.RigidTransform.identity())
         SpatialForce(tau=[0.0, 0.0, 7.0], f=[1.0, 2.0, 0.0])
     """
-    F_Bq_W, p_BoBq_B = from_spatial_vector(force.F_Bq_W), np.asarray(force.p_BoBq_B)
+    F_Bq_W, p_BoBq_B = SpatialForce.from_array(force.F_Bq_W.get_coeffs()), np.asarray(force.p_BoBq_B)
     return F_Bq_W.shift(-(X_WB.rotation @ p_BoBq_B.astype(X_WB.dtype)))
 
 
-def to_externally_applied(body_index: Any, F_Bo_W: SpatialForce) -> Any:
+def to_externally_applied(body_index, F_Bo_W: SpatialForce):
     """Makes an ExternallyAppliedSpatialForce on the body of that index, of a single wrench about the body's origin.
 
     Example:
@@ -95,7 +95,7 @@ def to_externally_applied(body_index: Any, F_Bo_W: SpatialForce) -> Any:
 # -- rotations and poses -----------------------------------------------------------------------------------------------
 
 
-def from_rotation_matrix(R_AB: Any) -> Rotation:
+def from_rotation_matrix(R_AB) -> Rotation:
     """Reads pydrake's RotationMatrix, exactly.
 
     Example:
@@ -106,7 +106,7 @@ def from_rotation_matrix(R_AB: Any) -> Rotation:
     return Rotation.from_matrix(np.array(R_AB.matrix()))
 
 
-def to_rotation_matrix(R_AB: Rotation) -> Any:
+def to_rotation_matrix(R_AB: Rotation):
     """Makes pydrake's RotationMatrix of the entries as they are.
 
     From float32 it is orthogonal to float32's eps only, invalid to Drake (`IsValid`: 128 eps of float64);
@@ -121,7 +121,7 @@ def to_rotation_matrix(R_AB: Rotation) -> Any:
     return RotationMatrix.MakeUnchecked(orders.single(R_AB.entries, "drake.to_rotation_matrix").reshape(3, 3))
 
 
-def from_rigid_transform(X_AB: Any) -> RigidTransform:
+def from_rigid_transform(X_AB) -> RigidTransform:
     """Reads pydrake's RigidTransform, m, exactly.
 
     Example:
@@ -132,7 +132,7 @@ def from_rigid_transform(X_AB: Any) -> RigidTransform:
     return RigidTransform(from_rotation_matrix(X_AB.rotation()), np.array(X_AB.translation()))
 
 
-def to_rigid_transform(X_AB: RigidTransform) -> Any:
+def to_rigid_transform(X_AB: RigidTransform):
     """Makes pydrake's RigidTransform, m, its rotation as by `to_rotation_matrix`.
 
     Example:
@@ -148,7 +148,7 @@ def to_rigid_transform(X_AB: RigidTransform) -> Any:
 # -- spatial inertias --------------------------------------------------------------------------------------------------
 
 
-def from_inertia(M_SP_E: Any) -> SpatialInertia:
+def from_inertia(M_SP_E) -> SpatialInertia:
     """Reads pydrake's SpatialInertia, which holds mass, com and inertia about P per unit mass: [m, p_PScm, G_SP].
 
     Drake shifts G to the centre of mass. A body without mass has no inertia here, whatever its G.
@@ -166,7 +166,7 @@ def from_inertia(M_SP_E: Any) -> SpatialInertia:
     return SpatialInertia(mass, com, mass * central)
 
 
-def to_inertia(M_SP_E: SpatialInertia) -> Any:
+def to_inertia(M_SP_E: SpatialInertia):
     """Makes pydrake's SpatialInertia, valid or not.
 
     Without mass G_SP is that of a point mass. Far from its centre of mass Drake may call a rod, or a point, invalid.

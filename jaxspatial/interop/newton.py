@@ -8,8 +8,6 @@ world after the other there, and the first axis of a batch here.
 Read: newton 1.8, its docs/concepts/conventions.rst and the kernels of its solvers.
 """
 
-from typing import Any
-
 import jax
 import numpy as np
 
@@ -22,7 +20,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 
 def to_body_f(
-    model: Any, mechanism: Mechanism, q: ArrayLike, forces: ExternalForces, *, precision: PrecisionName = None
+    model, mechanism: Mechanism, q: ArrayLike, forces: ExternalForces, *, precision: PrecisionName = None
 ) -> jax.Array:
     """Makes State.body_f: [f; tau] on each body, about its centre of mass, in world axes.
 
@@ -72,7 +70,7 @@ def to_body_f(
     return bodies.to_rows(mechanism, q, forces, row, centers, precision)
 
 
-def from_body_f(model: Any, body_f: Any) -> AppliedForces:
+def from_body_f(model, body_f) -> AppliedForces:
     """Reads State.body_f as `external_forces`, exactly.
 
     Args:

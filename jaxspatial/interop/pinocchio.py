@@ -28,7 +28,7 @@ def _library() -> Any:
 # -- spatial vectors ---------------------------------------------------------------------------------------------------
 
 
-def from_force(F: Any) -> SpatialForce:
+def from_force(F) -> SpatialForce:
     """Reads a pinocchio.Force that is a force, such as `data.f[i]`: about the origin of its frame, in its axes.
 
     Example:
@@ -39,7 +39,7 @@ def from_force(F: Any) -> SpatialForce:
     return SpatialForce(F.angular, F.linear)
 
 
-def from_momentum(L: Any) -> SpatialMomentum:
+def from_momentum(L) -> SpatialMomentum:
     """Reads a pinocchio.Force that is a momentum, such as `data.h[i]`, or `data.hg` about the centre of mass.
 
     Example:
@@ -51,7 +51,7 @@ def from_momentum(L: Any) -> SpatialMomentum:
     return SpatialMomentum(L.angular, L.linear)
 
 
-def to_force(F: SpatialForce | SpatialMomentum) -> Any:
+def to_force(F: SpatialForce | SpatialMomentum):
     """Makes a pinocchio.Force, [f; tau] or [l; h], of a single force or momentum.
 
     Example:
@@ -61,7 +61,7 @@ def to_force(F: SpatialForce | SpatialMomentum) -> Any:
     return _library().Force(_six(F, "pinocchio.to_force"))
 
 
-def from_motion(V: Any) -> SpatialVelocity:
+def from_motion(V) -> SpatialVelocity:
     """Reads a pinocchio.Motion that is a velocity, such as `data.v[i]`.
 
     Example:
@@ -72,7 +72,7 @@ def from_motion(V: Any) -> SpatialVelocity:
     return SpatialVelocity(V.angular, V.linear)
 
 
-def to_motion(V: SpatialVelocity) -> Any:
+def to_motion(V: SpatialVelocity):
     """Makes a pinocchio.Motion, [v; w], of a single velocity.
 
     Example:
@@ -82,7 +82,7 @@ def to_motion(V: SpatialVelocity) -> Any:
     return _library().Motion(_six(V, "pinocchio.to_motion"))
 
 
-def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None) -> SpatialAcceleration:
+def from_spatial_acceleration(A, V, *, precision: PrecisionName = None) -> SpatialAcceleration:
     """Reads a pinocchio.Motion that is Featherstone's acceleration, such as `data.a[i]`: a = A.linear + w x v.
 
     Args:
@@ -106,7 +106,7 @@ def from_spatial_acceleration(A: Any, V: Any, *, precision: PrecisionName = None
     return SpatialAcceleration.from_featherstone(six, from_motion(V), precision=precision)
 
 
-def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None) -> Any:
+def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, precision: PrecisionName = None):
     """Makes a pinocchio.Motion that is Featherstone's acceleration, [a - w x v; alpha], such as `data.a[i]`.
 
     Args:
@@ -125,7 +125,7 @@ def to_spatial_acceleration(A: SpatialAcceleration, V: SpatialVelocity, *, preci
     return _library().Motion(_six(spatial, "pinocchio.to_spatial_acceleration"))
 
 
-def from_classical_acceleration(A: Any) -> SpatialAcceleration:
+def from_classical_acceleration(A) -> SpatialAcceleration:
     """Reads a pinocchio.Motion that is the classical acceleration, of `getFrameClassicalAcceleration`.
 
     Example:
@@ -137,7 +137,7 @@ def from_classical_acceleration(A: Any) -> SpatialAcceleration:
     return SpatialAcceleration(A.angular, A.linear)
 
 
-def to_classical_acceleration(A: SpatialAcceleration) -> Any:
+def to_classical_acceleration(A: SpatialAcceleration):
     """Makes a pinocchio.Motion, [a; alpha], of a single acceleration, as `getFrameClassicalAcceleration` returns it.
 
     Example:
@@ -155,7 +155,7 @@ def _six(x: SpatialVector, name: str):
 # -- poses and inertias ------------------------------------------------------------------------------------------------
 
 
-def from_se3(X_AB: Any) -> RigidTransform:
+def from_se3(X_AB) -> RigidTransform:
     """Reads a pinocchio.SE3, such as `data.oMi[i]`, m: a copy, while SE3 hands out its own memory.
 
     Example:
@@ -166,7 +166,7 @@ def from_se3(X_AB: Any) -> RigidTransform:
     return RigidTransform(Rotation.from_matrix(np.array(X_AB.rotation)), np.array(X_AB.translation))
 
 
-def to_se3(X_AB: RigidTransform) -> Any:
+def to_se3(X_AB: RigidTransform):
     """Makes a pinocchio.SE3, m, the rotation taken as it is (`SE3.normalize` repairs it).
 
     Example:
@@ -177,7 +177,7 @@ def to_se3(X_AB: RigidTransform) -> Any:
     return _library().SE3(R, orders.single(X_AB.translation, "pinocchio.to_se3"))
 
 
-def from_inertia(Y: Any) -> SpatialInertia:
+def from_inertia(Y) -> SpatialInertia:
     """Reads a pinocchio.Inertia, which holds mass, lever (com) and the central inertia.
 
     Example:
@@ -189,7 +189,7 @@ def from_inertia(Y: Any) -> SpatialInertia:
     return SpatialInertia(Y.mass, np.array(Y.lever), np.array(Y.inertia))
 
 
-def to_inertia(M: SpatialInertia) -> Any:
+def to_inertia(M: SpatialInertia):
     """Makes a pinocchio.Inertia of the numbers as they are.
 
     Pinocchio's constructor would refuse one that rounding has made a little indefinite, like that of a rod.
@@ -205,7 +205,7 @@ def to_inertia(M: SpatialInertia) -> Any:
     return Y
 
 
-def from_pseudo_inertia(J: Any, *, precision: PrecisionName = None) -> SpatialInertia:
+def from_pseudo_inertia(J, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads a pinocchio.PseudoInertia.
 
     Error: as of `SpatialInertia.from_pseudo_inertia`.
@@ -220,7 +220,7 @@ def from_pseudo_inertia(J: Any, *, precision: PrecisionName = None) -> SpatialIn
     return SpatialInertia.from_pseudo_inertia(np.array(J.toMatrix()), precision=precision)
 
 
-def to_pseudo_inertia(M: SpatialInertia, *, precision: PrecisionName = None) -> Any:
+def to_pseudo_inertia(M: SpatialInertia, *, precision: PrecisionName = None):
     """Makes a pinocchio.PseudoInertia.
 
     Error: as of `SpatialInertia.to_pseudo_inertia`.
@@ -235,7 +235,7 @@ def to_pseudo_inertia(M: SpatialInertia, *, precision: PrecisionName = None) -> 
     return _library().PseudoInertia.FromMatrix(entries.reshape(4, 4))
 
 
-def from_log_cholesky(theta: Any, *, precision: PrecisionName = None) -> SpatialInertia:
+def from_log_cholesky(theta, *, precision: PrecisionName = None) -> SpatialInertia:
     """Reads pinocchio.LogCholeskyParameters.
 
     Error: as of `SpatialInertia.from_log_cholesky`.
@@ -250,7 +250,7 @@ def from_log_cholesky(theta: Any, *, precision: PrecisionName = None) -> Spatial
     return SpatialInertia.from_log_cholesky(np.array(theta.parameters), precision=precision)
 
 
-def to_log_cholesky(M: SpatialInertia, *, precision: PrecisionName = None) -> Any:
+def to_log_cholesky(M: SpatialInertia, *, precision: PrecisionName = None):
     """Makes pinocchio.LogCholeskyParameters, which Pinocchio has no way to make of an inertia.
 
     Error: as of `SpatialInertia.to_log_cholesky`.
