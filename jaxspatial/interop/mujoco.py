@@ -16,7 +16,7 @@ Read: MuJoCo's engine_core_smooth.c, mujoco 4.0, mjx 3.17.
 import itertools
 from collections.abc import Mapping
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -33,7 +33,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialVelocity, act, rotate
-from jaxspatial.spatial.vectors import SpatialVector, concatenated
+from jaxspatial.spatial.vectors import SpatialVector, side_by_side
 
 # [xx, yy, zz, xy, xz, yz, m c, m] in ours, [m, m c, xx, xy, yy, xz, yz, zz], and back. Of int32: JAX 0.10 caches what
 # it makes of an array of int64, and fails when 64-bit types are switched on later.
@@ -185,7 +185,7 @@ def _rotation(matrix: ArrayLike) -> Rotation:
 
 
 def to_xfrc_applied(
-    model: Any, mechanism: Mechanism, q: ArrayLike, forces: ExternalForces, *, precision: PrecisionName = None
+    model, mechanism: Mechanism, q: ArrayLike, forces: ExternalForces, *, precision: PrecisionName = None
 ) -> jax.Array:
     """Makes mjData.xfrc_applied: [f; tau] on each body, about its centre of mass, in world axes.
 
@@ -233,7 +233,7 @@ def to_xfrc_applied(
     return bodies.to_rows(mechanism, q, forces, row, model.body_ipos, precision)
 
 
-def from_xfrc_applied(model: Any, xfrc_applied: ArrayLike) -> AppliedForces:
+def from_xfrc_applied(model, xfrc_applied: ArrayLike) -> AppliedForces:
     """Reads mjData.xfrc_applied as `external_forces`, exactly.
 
     Args:
@@ -308,7 +308,7 @@ def to_free_joint(x_Bo_W: SpatialVector, R_WB: Rotation, *, precision: Precision
         >>> print(js.interop.mujoco.to_free_joint(V, turned))
         [0.5 0.  0.  0.  0.  1. ]
     """
-    return concatenated(x_Bo_W.translational, rotated(R_WB.inverse(), x_Bo_W.rotational, precision=precision))
+    return side_by_side(x_Bo_W.translational, rotated(R_WB.inverse(), x_Bo_W.rotational, precision=precision))
 
 
 # -- inertias of bodies ------------------------------------------------------------------------------------------------
@@ -423,7 +423,7 @@ def to_qpos(mechanism: Mechanism, q: ArrayLike) -> jax.Array:
         [ 0.5 -0.2]
     """
     joints, state = _arguments("mujoco.to_qpos", mechanism, q=q)
-    return _side_by_side(state.q, [j.rolled(j.followed(state.q[..., j.q], with_offset=True), 4) for j in joints])
+    return _of_joints(state.q, [j.rolled(j.followed(state.q[..., j.q], with_offset=True), 4) for j in joints])
 
 
 def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
@@ -438,7 +438,7 @@ def from_qpos(mechanism: Mechanism, qpos: ArrayLike) -> jax.Array:
         [ 0.5 -0.2]
     """
     joints, state = _arguments("mujoco.from_qpos", mechanism, qpos=qpos)
-    return _side_by_side(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
+    return _of_joints(state.qpos, [j.rolled(state.qpos[..., j.qpos], 3) for j in joints if not j.is_mimic])
 
 
 class KeyFrame(NamedTuple):
@@ -457,9 +457,7 @@ class KeyFrame(NamedTuple):
     ctrl: np.ndarray
 
 
-def key_frames(
-    mechanism: Mechanism, path_or_text: Any, *, assets: Mapping[str, bytes] | None = None
-) -> dict[str, KeyFrame]:
+def key_frames(mechanism: Mechanism, path_or_text, *, assets: Mapping[str, bytes] | None = None) -> dict[str, KeyFrame]:
     """Reads the key frames of an MJCF, `<key>`, by their names; one without a name is "key_<id>".
 
         q, v, ctrl = js.interop.mujoco.key_frames(mech, "dog.xml")["home"]
@@ -510,7 +508,7 @@ def to_qvel(mechanism: Mechanism, q: ArrayLike, v: ArrayLike, *, precision: Prec
         [1.  0.5]
     """
     joints, state = _arguments("mujoco.to_qvel", mechanism, q=q, v=v)
-    return _side_by_side(state.q, [j.in_world(state.q, j.followed(state.v[..., j.v]), precision) for j in joints])
+    return _of_joints(state.q, [j.in_world(state.q, j.followed(state.v[..., j.v]), precision) for j in joints])
 
 
 def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -529,7 +527,7 @@ def from_qvel(mechanism: Mechanism, q: ArrayLike, qvel: ArrayLike, *, precision:
         [1.  0.5]
     """
     joints, state = _arguments("mujoco.from_qvel", mechanism, q=q, qvel=qvel)
-    return _side_by_side(
+    return _of_joints(
         state.q, [j.in_body(state.q, state.qvel[..., j.qvel], precision) for j in joints if not j.is_mimic]
     )
 
@@ -562,7 +560,7 @@ def to_qacc(
             V = SpatialVelocity.from_array(state.v[..., joint.v])
             a = SpatialAcceleration.from_featherstone(a, V, precision=precision).to_array()
         parts.append(joint.in_world(state.q, a, precision))
-    return _side_by_side(state.q, parts)
+    return _of_joints(state.q, parts)
 
 
 def from_qacc(
@@ -591,7 +589,7 @@ def from_qacc(
             V = SpatialVelocity.from_array(state.v[..., joint.v])
             a = SpatialAcceleration.from_array(a).to_featherstone(V, precision=precision)
         parts.append(a)
-    return _side_by_side(state.q, parts)
+    return _of_joints(state.q, parts)
 
 
 def to_qfrc(mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -611,9 +609,7 @@ def to_qfrc(mechanism: Mechanism, q: ArrayLike, tau: ArrayLike, *, precision: Pr
     """
     joints, state = _arguments("mujoco.to_qfrc", mechanism, q=q, tau=tau)
     parts = ((j, state.tau[..., j.v]) for j in joints)
-    return _side_by_side(
-        state.q, [0 * part if j.is_mimic else j.in_world(state.q, part, precision) for j, part in parts]
-    )
+    return _of_joints(state.q, [0 * part if j.is_mimic else j.in_world(state.q, part, precision) for j, part in parts])
 
 
 def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision: PrecisionName = None) -> jax.Array:
@@ -637,7 +633,7 @@ def from_qfrc(mechanism: Mechanism, q: ArrayLike, qfrc: ArrayLike, *, precision:
     by_start = {j.v.start: j.in_body(state.q, state.qfrc[..., j.qvel], precision) for j in joints if not j.is_mimic}
     for joint in (j for j in joints if j.is_mimic):
         by_start[joint.v.start] = by_start[joint.v.start] + joint.followed(state.qfrc[..., joint.qvel])
-    return _side_by_side(state.q, [by_start[start] for start in sorted(by_start)])
+    return _of_joints(state.q, [by_start[start] for start in sorted(by_start)])
 
 
 class _Joint:
@@ -666,13 +662,13 @@ class _Joint:
         """Of a free joint [linear in world axes; angular in body axes] of [angular; linear], both in body axes."""
         if not self.is_free:
             return x
-        return concatenated(rotated(self._R_WB(q, precision), x[..., 3:], precision=precision), x[..., :3])
+        return side_by_side(rotated(self._R_WB(q, precision), x[..., 3:], precision=precision), x[..., :3])
 
     def in_body(self, q: jax.Array, x: jax.Array, precision: PrecisionName) -> jax.Array:
         """Back of `in_world`."""
         if not self.is_free:
             return x
-        return concatenated(x[..., 3:], rotated(self._R_WB(q, precision).inverse(), x[..., :3], precision=precision))
+        return side_by_side(x[..., 3:], rotated(self._R_WB(q, precision).inverse(), x[..., :3], precision=precision))
 
     def _R_WB(self, q: jax.Array, precision: PrecisionName) -> Rotation:
         return Rotation.from_quaternion(q[..., self.q][..., :4], precision=precision)
@@ -696,6 +692,6 @@ def _arguments(operation: str, mechanism: Mechanism, **arrays: ArrayLike) -> tup
     return joints, SimpleNamespace(**dict(zip(checked, check.broadcast_batch(batch, *checked.values()), strict=True)))
 
 
-def _side_by_side(like: jax.Array, parts: list[jax.Array]) -> jax.Array:
+def _of_joints(like: jax.Array, parts: list[jax.Array]) -> jax.Array:
     """The parts side by side; of no joints an array without numbers."""
     return jnp.concatenate([like[..., :0], *parts], -1)

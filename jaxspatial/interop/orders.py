@@ -6,7 +6,7 @@ exact and keep NumPy arrays NumPy; poses alone are computed, since we hold a mat
 shape that does not fit raises ValueError.
 """
 
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import jax
 import numpy as np
@@ -15,7 +15,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
-from jaxspatial.spatial.vectors import SpatialVector, concatenated
+from jaxspatial.spatial.vectors import SpatialVector, side_by_side
 
 K = TypeVar("K", bound=SpatialVector)
 
@@ -49,7 +49,7 @@ def to_linear_first(x: SpatialVector) -> jax.Array:
         >>> print(js.interop.orders.to_linear_first(F))
         [1. 2. 0. 0. 0. 3.]
     """
-    return concatenated(x.translational, x.rotational)
+    return side_by_side(x.translational, x.rotational)
 
 
 def matrix_from_linear_first(m: ArrayLike) -> jax.Array:
@@ -173,7 +173,7 @@ def pose_to_xyz_xyzw(X_AB: RigidTransform, *, precision: PrecisionName = None) -
         >>> print(js.interop.orders.pose_to_xyz_xyzw(below))
         [ 0.  0. -1.  0.  0.  0.  1.]
     """
-    return concatenated(X_AB.translation, quaternion_to_xyzw(X_AB.rotation.to_quaternion(precision=precision)))
+    return side_by_side(X_AB.translation, quaternion_to_xyzw(X_AB.rotation.to_quaternion(precision=precision)))
 
 
 def pose_from_xyz_wxyz(x7: ArrayLike, *, precision: PrecisionName = None) -> RigidTransform:
@@ -199,7 +199,7 @@ def pose_to_xyz_wxyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -
         >>> print(js.interop.orders.pose_to_xyz_wxyz(below))
         [ 0.  0. -1.  1.  0.  0.  0.]
     """
-    return concatenated(X_AB.translation, X_AB.rotation.to_quaternion(precision=precision))
+    return side_by_side(X_AB.translation, X_AB.rotation.to_quaternion(precision=precision))
 
 
 def pose_from_wxyz_xyz(x7: ArrayLike, *, precision: PrecisionName = None) -> RigidTransform:
@@ -225,7 +225,7 @@ def pose_to_wxyz_xyz(X_AB: RigidTransform, *, precision: PrecisionName = None) -
         >>> print(js.interop.orders.pose_to_wxyz_xyz(below))
         [ 1.  0.  0.  0.  0.  0. -1.]
     """
-    return concatenated(X_AB.rotation.to_quaternion(precision=precision), X_AB.translation)
+    return side_by_side(X_AB.rotation.to_quaternion(precision=precision), X_AB.translation)
 
 
 def _pose(xyz: jax.Array, wxyz: jax.Array, precision: PrecisionName) -> RigidTransform:
@@ -239,7 +239,7 @@ def _reordered(x: ArrayLike, name: str, *order: int) -> jax.Array:
 # -- one item, for libraries that hold one -----------------------------------------------------------------------------
 
 
-def single(x: Any, name: str) -> Any:
+def single(x, name: str):
     """Copies one item to the host, for a constructor that takes nothing else.
 
     Args:

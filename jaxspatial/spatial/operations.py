@@ -1,7 +1,7 @@
 """The operations on spatial vectors and inertias, each one generic function.
 
 A function checks the kinds of its arguments and calls the method of the kind: `shift(X, p)` is `X._shift(p, ...)`.
-`_vectors` implements these methods for spatial vectors, `jaxspatial.inertia` for inertias.
+`vectors` implements these methods for spatial vectors, `jaxspatial.inertia` for inertias.
 
 The error bounds of all operations have these conditions. u is the unit roundoff of the inputs' dtype, r the exact
 component, mag the sum of the absolute values of its terms, multiplied out.

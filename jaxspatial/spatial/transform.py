@@ -59,7 +59,8 @@ def _left_jacobian(w: Vector, v: Vector) -> Numbers:
 
 @formula
 def _left_jacobian_inverse(w: Vector, v: Vector) -> Numbers:
-    return _blocks(exponential.left_jacobian_inverse(w), exponential.inverse_coupling(w, v))
+    inverse = exponential.left_jacobian_inverse(w)
+    return _blocks(inverse, -(inverse @ (exponential.coupling(w, v) @ inverse)))
 
 
 def _blocks(diagonal: Matrix, lower: Matrix) -> Numbers:
@@ -252,7 +253,7 @@ class RigidTransform(Quantity):
     def __matmul__(self, other: ArrayLike) -> jax.Array: ...
 
     @promises(point=POINT)
-    def __matmul__(self, other: Any) -> Any:
+    def __matmul__(self, other) -> Any:
         """X_AB @ p_BQ is p_AQ, (*batch, 3), m, of points; X_AB @ X_BC is X_AC; over the common batch.
 
         Error: per component of a point, mag = |R| |p_BQ| + |p_AB|: at most 4 u mag in "fast" and "reproducible", u |r|

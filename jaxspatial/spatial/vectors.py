@@ -9,7 +9,7 @@ The generic functions in `operations` document and call them.
 
 import operator
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, NoReturn, Self, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, NoReturn, Self, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -40,17 +40,32 @@ COMPOSED, COMPOSED_ACCELERATION = Promise(4, 4), Promise(10, 32)
 
 # -- formulas over arrays; results in the layout of the parts they are added to ---------------------------------------
 
-_shifted_motion = formula(algebra.shifted_motion, of_sums=True)
-_shifted_acceleration = formula(algebra.shifted_acceleration, of_sums=True)
-_shifted_wrench = formula(algebra.shifted_wrench, of_sums=True)
-_acted_motion = formula(algebra.acted_motion, of_sums=True, layout=(2, 3))
-_acted_acceleration = formula(algebra.acted_acceleration, of_sums=True, layout=(2, 3))
-_acted_wrench = formula(algebra.acted_wrench, of_sums=True, layout=(2, 3))
-_inverse_acted_motion = formula(algebra.inverse_acted_motion, of_sums=True, layout=(2, 3))
-_inverse_acted_acceleration = formula(algebra.inverse_acted_acceleration, of_sums=True, layout=(2, 3))
-_inverse_acted_wrench = formula(algebra.inverse_acted_wrench, of_sums=True, layout=(2, 3))
-_crossed_motion = formula(algebra.cross_motion, of_sums=True, layout=(2, 3))
-_crossed_wrench = formula(algebra.cross_force, of_sums=True, layout=(2, 3))
+
+class _Laws(NamedTuple):
+    """How vectors of a kind are moved, and how they change with a body; an acceleration is moved with one more
+    argument, the angular velocity of the body."""
+
+    group: type[Motion] | type[Wrench]
+    shift: Callable[..., list[jax.Array]]
+    act: Callable[..., list[jax.Array]]
+    act_inverse: Callable[..., list[jax.Array]]
+    cross: Callable[..., list[jax.Array]]
+
+
+_OF_FORCES, _OF_VELOCITIES, _OF_ACCELERATIONS = (
+    _Laws(group, formula(shift, of_sums=True), *(formula(law, of_sums=True, layout=(2, 3)) for law in others))
+    for group, shift, *others in (
+        (Wrench, algebra.shifted_wrench, algebra.acted_wrench, algebra.inverse_acted_wrench, algebra.cross_force),
+        (Motion, algebra.shifted_motion, algebra.acted_motion, algebra.inverse_acted_motion, algebra.cross_motion),
+        (
+            Motion,
+            algebra.shifted_acceleration,
+            algebra.acted_acceleration,
+            algebra.inverse_acted_acceleration,
+            algebra.cross_motion,
+        ),
+    )
+)
 _power = formula(algebra.power, of_sums=True)
 _to_featherstone = formula(lambda A, V: Motion(A.w, A.v - cross(V.w, V.v)), of_sums=True)
 _from_featherstone = formula(lambda A, V: Motion(A.w, A.v + cross(V.w, V.v)), of_sums=True)
@@ -75,6 +90,7 @@ class SpatialVector(Additive):
     _as_array = "to_array"
 
     if TYPE_CHECKING:
+        _laws: ClassVar[_Laws]
 
         def __init__(self, rotational: ArrayLike = LEFT_OUT, translational: ArrayLike = LEFT_OUT): ...
 
@@ -147,7 +163,7 @@ class SpatialVector(Additive):
             >>> print(F.to_array())
             [0. 0. 3. 1. 2. 0.]
         """
-        return concatenated(*self._vectors)
+        return side_by_side(*self._vectors)
 
     @property
     def size(self) -> int:
@@ -289,9 +305,33 @@ class SpatialVector(Additive):
         require_kind(R_AE, Rotation, "rotate", " first")
         return self._rotate(R_AE, None)
 
-    if TYPE_CHECKING:
-        # V x self: each kind has it.
-        def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName) -> Self: ...
+    @property
+    def _grouped(self):
+        """Its arrays as formulas take them: a Motion or a Wrench."""
+        return self._laws.group(*self._vectors)
+
+    def _checked_w(self, w: ArrayLike | None, operation: str) -> dict[str, jax.Array]:
+        """The angular velocity by its name, where the kind needs it to be moved."""
+        require_no_w(self, w, operation)
+        return {}
+
+    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName) -> Self:
+        rate = self._checked_w(w, "shift")
+        p = offset(self, p_PQ_E, **rate)
+        return self._with_vectors(self._laws.shift(precision, self._grouped, p, *rate.values()))
+
+    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName) -> Self:
+        rate = self._checked_w(w, "act")
+        return self._with_vectors(self._laws.act(precision, Pose(*X_AB._vectors), self._grouped, *rate.values()))
+
+    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName) -> Self:
+        rate = self._checked_w(w, "act_inverse")
+        return self._with_vectors(
+            self._laws.act_inverse(precision, Pose(*X_AB._vectors), self._grouped, *rate.values())
+        )
+
+    def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName) -> Self:
+        return self._with_vectors(self._laws.cross(precision, V_P_E._grouped, self._grouped))
 
     def _dot(self, other, precision: PrecisionName) -> jax.Array:
         refuse("dot", "a SpatialForce or SpatialMomentum and a SpatialVelocity", self)
@@ -408,26 +448,12 @@ class SpatialForce(SpatialVector):
     tau: jax.Array = LEFT_OUT
     f: jax.Array = LEFT_OUT
 
-    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
-        require_no_w(self, w)
-        p = offset(self, p_PQ_E)
-        return self._with_vectors(_shifted_wrench(precision, Wrench(*self._vectors), p))
-
-    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
-        require_no_w(self, w, "act")
-        return self._with_vectors(_acted_wrench(precision, Pose(*X_AB._vectors), Wrench(*self._vectors)))
-
-    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
-        require_no_w(self, w, "act_inverse")
-        return self._with_vectors(_inverse_acted_wrench(precision, Pose(*X_AB._vectors), Wrench(*self._vectors)))
+    _laws = _OF_FORCES
 
     def _dot(self, other, precision: PrecisionName) -> jax.Array:
         require_kind(other, SpatialVelocity, "dot", f" beside a {type(self).__name__}")
         require_pair(self, other)
-        return _power(precision, Wrench(*self._vectors), Motion(*other._vectors))
-
-    def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName):
-        return self._with_vectors(_crossed_wrench(precision, Motion(*V_P_E._vectors), Wrench(*self._vectors)))
+        return _power(precision, self._grouped, other._grouped)
 
 
 @tree
@@ -451,8 +477,7 @@ class SpatialMomentum(SpatialVector):
     l: jax.Array = LEFT_OUT  # noqa: E741 - the field's letter
 
     # Moved and paired as a force is.
-    _shift, _act, _act_inverse = SpatialForce._shift, SpatialForce._act, SpatialForce._act_inverse
-    _dot, _cross = SpatialForce._dot, SpatialForce._cross
+    _laws, _dot = _OF_FORCES, SpatialForce._dot
 
 
 @tree
@@ -510,28 +535,14 @@ class SpatialVelocity(SpatialVector):
         require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
         p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
         require_compatible(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
-        return self._with_vectors(_composed_velocity(precision, Motion(*self._vectors), p, Motion(*V_BC_E._vectors)))
+        return self._with_vectors(_composed_velocity(precision, self._grouped, p, V_BC_E._grouped))
 
-    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
-        require_no_w(self, w)
-        p = offset(self, p_PQ_E)
-        return self._with_vectors(_shifted_motion(precision, Motion(*self._vectors), p))
-
-    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
-        require_no_w(self, w, "act")
-        return self._with_vectors(_acted_motion(precision, Pose(*X_AB._vectors), Motion(*self._vectors)))
-
-    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
-        require_no_w(self, w, "act_inverse")
-        return self._with_vectors(_inverse_acted_motion(precision, Pose(*X_AB._vectors), Motion(*self._vectors)))
+    _laws = _OF_VELOCITIES
 
     def _dot(self, other, precision: PrecisionName) -> jax.Array:
         if not isinstance(other, (SpatialForce, SpatialMomentum)):
             refuse("dot", "a SpatialForce or SpatialMomentum beside a velocity", other)
         return other._dot(self, precision)
-
-    def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName):
-        return self._with_vectors(_crossed_motion(precision, Motion(*V_P_E._vectors), Motion(*self._vectors)))
 
 
 @tree
@@ -601,8 +612,8 @@ class SpatialAcceleration(SpatialVector):
         p = check.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
         w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
         require_compatible(A_MB_E=self, p_BoCo_E=p, w_MB_E=w, V_BC_E=V_BC_E, A_BC_E=A_BC_E)
-        V_BC, A_BC = Motion(*V_BC_E._vectors), Motion(*A_BC_E._vectors)
-        return self._with_vectors(_composed_acceleration(precision, Motion(*self._vectors), p, w, V_BC, A_BC))
+        moved = _composed_acceleration(precision, self._grouped, p, w, V_BC_E._grouped, A_BC_E._grouped)
+        return self._with_vectors(moved)
 
     def to_featherstone(self, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> jax.Array:
         """Featherstone's spatial acceleration, rotational on top: (alpha, a - w x v).
@@ -633,7 +644,7 @@ class SpatialAcceleration(SpatialVector):
         """
         require_kind(V_MP_E, SpatialVelocity, "to_featherstone: V_MP_E")
         require_compatible(A_MP_E=self, V_MP_E=V_MP_E)
-        return concatenated(*_to_featherstone(precision, Motion(*self._vectors), Motion(*V_MP_E._vectors)))
+        return side_by_side(*_to_featherstone(precision, self._grouped, V_MP_E._grouped))
 
     @classmethod
     def from_featherstone(cls, x6: ArrayLike, V_MP_E: SpatialVelocity, *, precision: PrecisionName = None) -> Self:
@@ -663,25 +674,18 @@ class SpatialAcceleration(SpatialVector):
         require_kind(V_MP_E, SpatialVelocity, "from_featherstone: V_MP_E")
         spatial = cls.from_array(x6)
         require_compatible(x6=spatial, V_MP_E=V_MP_E)
-        A = Motion(*spatial._vectors)
-        return spatial._with_vectors(_from_featherstone(precision, A, Motion(*V_MP_E._vectors)))
+        return spatial._with_vectors(_from_featherstone(precision, spatial._grouped, V_MP_E._grouped))
 
-    def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName):
-        w = require_w(self, w, "shift")
-        p = offset(self, p_PQ_E, w=w)
-        return self._with_vectors(_shifted_acceleration(precision, Motion(*self._vectors), p, w))
+    _laws = _OF_ACCELERATIONS
 
-    def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
-        w = require_w(self, w, "act")
-        return self._with_vectors(_acted_acceleration(precision, Pose(*X_AB._vectors), Motion(*self._vectors), w))
-
-    def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName):
-        w = require_w(self, w, "act_inverse")
-        return self._with_vectors(
-            _inverse_acted_acceleration(precision, Pose(*X_AB._vectors), Motion(*self._vectors), w)
-        )
-
-    _cross = SpatialVelocity._cross
+    def _checked_w(self, w: ArrayLike | None, operation: str) -> dict[str, jax.Array]:
+        if w is None:
+            raise TypeError(
+                f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
+            )
+        w = check.as_vectors(w, f"{operation}: w", self.dtype)
+        require_compatible(SpatialAcceleration=self, w=w)
+        return {"w": w}
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------
@@ -700,17 +704,6 @@ def require_no_w(X_P_E: Quantity, w: ArrayLike | None, operation: str = "shift")
         raise TypeError(f"{operation}: w is for a SpatialAcceleration, not for a {type(X_P_E).__name__}")
 
 
-def require_w(A_P_E: Quantity, w: ArrayLike | None, operation: str) -> jax.Array:
-    """The checked angular velocity of the body, which an acceleration needs to be moved."""
-    if w is None:
-        raise TypeError(
-            f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
-        )
-    w = check.as_vectors(w, f"{operation}: w", A_P_E.dtype)
-    require_compatible(SpatialAcceleration=A_P_E, w=w)
-    return w
-
-
 def require_pair(a: SpatialVector, b: SpatialVector) -> None:
     """Checks that two vectors have one dtype, and batches that broadcast."""
     kinds = type(a).__name__, type(b).__name__
@@ -718,7 +711,7 @@ def require_pair(a: SpatialVector, b: SpatialVector) -> None:
     check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
 
 
-def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:
+def _require_one_batch(kind: str, arrays: dict) -> None:
     batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
     if len(set(batch_shapes.values())) > 1:
         came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
@@ -728,10 +721,10 @@ def _require_one_batch(kind: str, arrays: dict[str, Any]) -> None:
 # -- parts as arrays --------------------------------------------------------------------------------------------------
 
 
-def concatenated(*parts) -> Any:
-    """The two parts as one array (*batch, 6), a NumPy array where JAX would narrow it."""
+def side_by_side(*parts) -> Any:
+    """The parts as one array, end to end along the last axis; a NumPy array where JAX would narrow it."""
     arrays = [as_array(part, check.batch_shape(*parts)) for part in parts]
-    if all(map(check.is_only_held, arrays)):
+    if not check.config.jax_enable_x64 and all(isinstance(x, np.ndarray) and x.dtype == np.float64 for x in arrays):
         return np.concatenate(arrays, axis=-1)
     arrays = to_double_word(arrays) if any(isinstance(x, DoubleWord) for x in arrays) else arrays
     return jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *arrays)

@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -116,7 +116,7 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
-def _central_axis(precision: Precision, tau, f) -> tuple[Any, Any]:
+def _central_axis(precision: Precision, tau, f) -> tuple:
     """(pitch, point), computed with parts scaled to about 1: nothing over- or underflows before the result does."""
     tau_high, f_high = (unstack(jnp.asarray(jax.tree.leaves(x)[0])) for x in (tau, f))
     tau_exponent, f_exponent = exponent(tau_high), exponent(f_high)
