@@ -26,8 +26,8 @@ from jaxspatial.numerics.linear import (
     Wrench,
     congruence,
     cross,
+    left_sum,
     skew,
-    total,
 )
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, high, noinline, noinline_pairs, where
 from jaxspatial.numerics.numbers.double_word import DoubleWord, from_double_word, to_double_word
@@ -390,8 +390,7 @@ def joint_projection(
         >>> print(js.inertia.joint_projection(P, hinge).inertia.to_matrix().diagonal())
         [1. 2. 0. 2. 2. 2.]
     """
-    motions = _motions(P_P_E, S_P_E)
-    armatures = _armatures(P_P_E, armature, len(motions))
+    motions, armatures = _freedoms(P_P_E, S_P_E, armature)
     J, F, M, *rest = _projected(precision, P_P_E._grouped, *armatures, *(Motion(*s._vectors) for s in motions))
     U = [SpatialForce(tau, f) for tau, f in zip(rest[::3], rest[1::3], strict=True)]
     D = [d.reshape(d.shape[:-1]) for d in rest[2::3]]
@@ -400,24 +399,22 @@ def joint_projection(
     return JointProjection(inertia, U[0], D[0]) if is_one else JointProjection(inertia, U, D)
 
 
-def _motions(P: ArticulatedInertia, S: Motions) -> list[SpatialVelocity]:
+def _freedoms(
+    P: ArticulatedInertia, S: Motions, armature: ArrayLike | Sequence[ArrayLike]
+) -> tuple[list[SpatialVelocity], list[jax.Array]]:
+    """(the motions of a joint, an armature (*batch, 1) for each)."""
     motions: list = list(S) if isinstance(S, (list, tuple)) else [S]
     for s in motions:
         if not isinstance(s, SpatialVelocity):
             refuse("joint_projection: S", "a SpatialVelocity or a list of them", s)
         require_compatible(ArticulatedInertia=P, S=s)
-    return motions
-
-
-def _armatures(P: ArticulatedInertia, armature: ArrayLike | Sequence[ArrayLike], n: int) -> list[jax.Array]:
-    """One (*batch, 1) for each of n motions."""
-    each = armature if isinstance(armature, (list, tuple)) else [armature] * n
-    if len(each) != n:
-        raise ValueError(f"joint_projection: armature: expected {n} numbers, got {len(each)}")
+    each = armature if isinstance(armature, (list, tuple)) else [armature] * len(motions)
+    if len(each) != len(motions):
+        raise ValueError(f"joint_projection: armature: expected {len(motions)} numbers, got {len(each)}")
     armatures = [expanded(check.as_float_array(x, "joint_projection: armature", P.dtype)) for x in each]
     for x in armatures:
         require_compatible(ArticulatedInertia=P, armature=x)
-    return armatures
+    return motions, armatures
 
 
 # -- over numbers -----------------------------------------------------------------------------------------------------
@@ -545,5 +542,5 @@ def _is_valid(P: Articulated, tolerance: float) -> Mask:
 
 
 def _size(S: Symmetric) -> Number:
-    size = total([abs(x) for x in S])
+    size = left_sum([abs(x) for x in S])
     return where(high(size) == 0, 1.0, size)

@@ -10,7 +10,7 @@ from jaxspatial.inertia.inertia import SpatialInertia
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import log, series
-from jaxspatial.numerics.linear import Inertia, Symmetric, Vector, dot, total
+from jaxspatial.numerics.linear import Inertia, Symmetric, Vector, dot, left_sum
 from jaxspatial.numerics.numbers import Number, high, noinline_pairs, where
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import require_compatible
@@ -86,12 +86,12 @@ class _Factor(NamedTuple):
 def _divergence(M: Inertia, M0: Inertia) -> Number:
     S, S0 = (_twice_second_moments(x.central) for x in (M, M0))
     L, L0 = _factor(S), _factor(S0)
-    delta = _solved(L0, _difference(_twice_second_moments(M.central - M0.central), L, L0))
-    moved = _solved_vector(L0, M.com - M0.com)
+    delta = _left_divided(L0, _factor_difference(_twice_second_moments(M.central - M0.central), L, L0))
+    moved = _left_divided_vector(L0, M.com - M0.com)
     off_diagonal = delta.l12, delta.l13, delta.l23
     diagonal = (delta.l11, L.l11 / L0.l11), (delta.l22, L.l22 / L0.l22), (delta.l33, L.l33 / L0.l33)
     of_mass = _h((M.mass - M0.mass) / M0.mass, M.mass / M0.mass)
-    of_shape = dot(off_diagonal, off_diagonal) + total([x * x + 2 * _h(x, ratio) for x, ratio in diagonal])
+    of_shape = dot(off_diagonal, off_diagonal) + left_sum([x * x + 2 * _h(x, ratio) for x, ratio in diagonal])
     # L is a factor of 2 Sigma, which only counts beside a length.
     return of_mass + of_shape + 2 * (M.mass * dot(moved, moved))
 
@@ -119,7 +119,7 @@ def _quotient(a: Number, b: Number) -> Number:
 
 
 @noinline_pairs
-def _difference(E: Symmetric, L: _Factor, L0: _Factor) -> _Factor:
+def _factor_difference(E: Symmetric, L: _Factor, L0: _Factor) -> _Factor:
     """L - L0 from E = L L^T - L0 L0^T.
 
     A difference of products is half of (sum times difference, plus difference times sum): nothing cancels that is not
@@ -137,7 +137,7 @@ def _difference(E: Symmetric, L: _Factor, L0: _Factor) -> _Factor:
 
 
 @noinline_pairs
-def _solved(L: _Factor, B: _Factor) -> _Factor:
+def _left_divided(L: _Factor, B: _Factor) -> _Factor:
     """L^-1 B, upper triangular."""
     x33, x22, x11 = B.l33 / L.l33, B.l22 / L.l22, B.l11 / L.l11
     x23 = (B.l23 - L.l23 * x33) / L.l22
@@ -147,7 +147,7 @@ def _solved(L: _Factor, B: _Factor) -> _Factor:
 
 
 @noinline_pairs
-def _solved_vector(L: _Factor, v: Vector) -> Vector:
+def _left_divided_vector(L: _Factor, v: Vector) -> Vector:
     """L^-1 v."""
     z = v.z / L.l33
     y = (v.y - L.l23 * z) / L.l22

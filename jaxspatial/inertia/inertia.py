@@ -148,7 +148,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_box([1.0, 2.0, 3.0], mass=12.0).central)
             [13.  0. 10.  0.  0.  5.]
         """
-        return cls(*shapes.parts(shapes.solid_box, mass, density, precision, {"size": size}, n=3))
+        return cls(*shapes.body(shapes.solid_box, mass, density, precision, {"size": size}, n=3))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -184,7 +184,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_cube(1.0, density=6.0).central)
             [1. 0. 1. 0. 0. 1.]
         """
-        return cls(*shapes.parts(shapes.solid_cube, mass, density, precision, {"size": size}))
+        return cls(*shapes.body(shapes.solid_cube, mass, density, precision, {"size": size}))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -220,7 +220,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_sphere(1.0, mass=5.0).central)
             [2. 0. 2. 0. 0. 2.]
         """
-        return cls(*shapes.parts(shapes.solid_sphere, mass, density, precision, {"radius": radius}))
+        return cls(*shapes.body(shapes.solid_sphere, mass, density, precision, {"radius": radius}))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -256,7 +256,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.hollow_sphere(1.0, mass=3.0).central)
             [2. 0. 2. 0. 0. 2.]
         """
-        return cls(*shapes.parts(shapes.hollow_sphere, mass, density, precision, {"radius": radius}))
+        return cls(*shapes.body(shapes.hollow_sphere, mass, density, precision, {"radius": radius}))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -292,7 +292,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.solid_ellipsoid([1.0, 2.0, 3.0], mass=5.0).central)
             [13.  0. 10.  0.  0.  5.]
         """
-        return cls(*shapes.parts(shapes.solid_ellipsoid, mass, density, precision, {"semi_axes": semi_axes}, n=3))
+        return cls(*shapes.body(shapes.solid_ellipsoid, mass, density, precision, {"semi_axes": semi_axes}, n=3))
 
     @classmethod
     def point_mass(cls, com: ArrayLike, *, mass: ArrayLike) -> Self:
@@ -362,7 +362,7 @@ class SpatialInertia(Additive):
             [4. 4. 2.]
         """
         return cls(
-            *shapes.parts(shapes.solid_cylinder, mass, density, precision, {"radius": radius, "length": length}, axis)
+            *shapes.body(shapes.solid_cylinder, mass, density, precision, {"radius": radius, "length": length}, axis)
         )
 
     @classmethod
@@ -404,7 +404,7 @@ class SpatialInertia(Additive):
             [0.  0.  1.5]
         """
         lengths = {"radius": radius, "length": length}
-        return cls(*shapes.parts(shapes.solid_cylinder_about_end, mass, density, precision, lengths, axis))
+        return cls(*shapes.body(shapes.solid_cylinder_about_end, mass, density, precision, lengths, axis))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -447,7 +447,7 @@ class SpatialInertia(Additive):
             [5. 5. 4.]
         """
         lengths = {"inner_radius": inner_radius, "outer_radius": outer_radius, "length": length}
-        return cls(*shapes.parts(shapes.hollow_cylinder, mass, density, precision, lengths, axis, ("inner_radius")))
+        return cls(*shapes.body(shapes.hollow_cylinder, mass, density, precision, lengths, axis, ("inner_radius",)))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -488,7 +488,7 @@ class SpatialInertia(Additive):
             13.613568
         """
         lengths = {"radius": radius, "length": length}
-        return cls(*shapes.parts(shapes.solid_capsule, mass, density, precision, lengths, axis, may_be_zero=lengths))
+        return cls(*shapes.body(shapes.solid_capsule, mass, density, precision, lengths, axis, may_be_zero=lengths))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -529,7 +529,7 @@ class SpatialInertia(Additive):
             [4.875 4.875 3.   ]
         """
         return cls(
-            *shapes.parts(shapes.solid_cone, mass, density, precision, {"radius": radius, "height": height}, axis)
+            *shapes.body(shapes.solid_cone, mass, density, precision, {"radius": radius, "height": height}, axis)
         )
 
     @classmethod
@@ -559,7 +559,7 @@ class SpatialInertia(Additive):
             >>> print(js.SpatialInertia.thin_rod(3.0, mass=4.0).central_matrix().diagonal())
             [3. 3. 0.]
         """
-        return cls(*shapes.parts(shapes.thin_rod, mass, None, precision, {"length": length}, axis))
+        return cls(*shapes.body(shapes.thin_rod, mass, None, precision, {"length": length}, axis))
 
     @classmethod
     @promises(central=shapes.CENTRAL, determinant=shapes.DETERMINANT, com=shapes.TETRAHEDRON_COM)
@@ -662,7 +662,7 @@ class SpatialInertia(Additive):
         check.require_same_dtype(vertices=corners, **{kind: amount})
         check.common_batch_shape(vertices=corners.shape[:-2], **{kind: amount.shape})
         arrays = amount.reshape((*amount.shape, 1, 1)), corners, shapes.middle_of(corners)
-        results = shapes.known(shapes.triangle_mesh, precision, *arrays, by=kind, size=corners.shape[-2])
+        results = shapes.evaluated(shapes.triangle_mesh, precision, *arrays, by=kind, size=corners.shape[-2])
         shapes.require_finite("triangle_mesh", arrays, *results, nan=True)
         m, com, central = (x[..., 0, :] for x in results)
         return cls(m.reshape(m.shape[:-1]), com, central)
@@ -729,7 +729,8 @@ class SpatialInertia(Additive):
             SpatialInertia(mass=6.0, com=[0.0, 0.0, 0.0], central=[6.5, 0.0, 5.0, 0.0, 0.0, 2.5])
         """
         entries = as_matrices(m, "SpatialInertia.from_matrix: m", 6)
-        return cls(entries[..., 21], *parameters.from_six_by_six(precision, entries))
+        ten = entries[..., parameters.OF_SIX_BY_SIX]
+        return cls(ten[..., 0], *parameters.from_dynamic_parameters(precision, ten))
 
     @classmethod
     @promises(bound=FROM_MOMENTS)
@@ -784,7 +785,8 @@ class SpatialInertia(Additive):
             2.0 [2. 2. 2.]
         """
         entries = as_matrices(J, "SpatialInertia.from_pseudo_inertia: J", 4)
-        return cls(entries[..., 15], *parameters.from_pseudo_inertia(precision, entries))
+        ten = entries[..., parameters.OF_PSEUDO]
+        return cls(ten[..., 0], *parameters.from_second_moments(precision, ten))
 
     @classmethod
     @promises(bound=FROM_ROOT, mass=ROOT_MASS)

@@ -16,15 +16,15 @@ import numpy as np
 from jaxspatial.numerics import eigen, linear
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import exp, log
-from jaxspatial.numerics.linear import Inertia, Matrix, Symmetric, Vector, skew, total
+from jaxspatial.numerics.linear import Inertia, Matrix, Symmetric, Vector, left_sum, skew
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, halved, high, times_power_of_two, where
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.spatial import algebra
 
 # Where the ten dynamic parameters stand in a 6 x 6 matrix, and in a pseudo-inertia m, m c, and Sigma.
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
-_OF_SIX_BY_SIX = np.array([21, 16, 5, 9, 0, 6, 7, 12, 13, 14], np.int32)
-_OF_PSEUDO = np.array([15, 3, 7, 11, 0, 4, 5, 8, 9, 10], np.int32)
+OF_SIX_BY_SIX = np.array([21, 16, 5, 9, 0, 6, 7, 12, 13, 14], np.int32)
+OF_PSEUDO = np.array([15, 3, 7, 11, 0, 4, 5, 8, 9, 10], np.int32)
 _TO_PSEUDO = np.array([0, 1, 3, 6, 1, 2, 4, 7, 3, 4, 5, 8, 6, 7, 8, 9], np.int32)
 
 
@@ -62,33 +62,28 @@ def six_by_six(M: Inertia) -> Numbers:
 @formula(of_sums=True)
 def _second_moments_about_origin(M: Inertia) -> Numbers:
     """Sigma_xx, Sigma_xy, Sigma_yy, Sigma_xz, Sigma_yz, Sigma_zz about the origin, m c, m."""
-    moment = M.mass * M.com
+    moment, (cx, cy, cz) = M.mass * M.com, M.com
     xx, xy, yy, xz, yz, zz = M.central
     xx, yy, zz = map(halved, (xx, yy, zz))
-
-    def diagonal(i: int, a: Number, b: Number, minus: Number) -> Number:
-        return ((a + b) - minus) + moment[i] * M.com[i]
-
-    def off_diagonal(i: int, j: int, entry: Number) -> Number:
-        return moment[i] * M.com[j] - entry
-
-    entries = diagonal(0, yy, zz, xx), off_diagonal(0, 1, xy), diagonal(1, xx, zz, yy)
-    entries += off_diagonal(0, 2, xz), off_diagonal(1, 2, yz), diagonal(2, xx, yy, zz)
-    return *entries, *moment, M.mass
+    return (
+        ((yy + zz) - xx) + moment.x * cx,
+        moment.x * cy - xy,
+        ((xx + zz) - yy) + moment.y * cy,
+        moment.x * cz - xz,
+        moment.y * cz - yz,
+        ((xx + yy) - zz) + moment.z * cz,
+        *moment,
+        M.mass,
+    )
 
 
 def pseudo_inertia(precision: PrecisionName, M: Inertia) -> jax.Array:
     """(*batch, 4, 4) [[Sigma, m c], [m c^T, m]] about the origin."""
     ten = _second_moments_about_origin(precision, M)
-    return eigen.picked(ten, _TO_PSEUDO).reshape((*ten.shape[:-1], 4, 4))
+    return eigen.at_places(ten, _TO_PSEUDO).reshape((*ten.shape[:-1], 4, 4))
 
 
 # -- quotients and roots: back again ----------------------------------------------------------------------------------
-
-
-def from_six_by_six(precision: PrecisionName, entries: jax.Array) -> list[jax.Array]:
-    """[com, central] of a 6 x 6 matrix by its 36 entries; m is entry 21."""
-    return from_dynamic_parameters(precision, entries[..., _OF_SIX_BY_SIX])
 
 
 @formula
@@ -104,13 +99,9 @@ def _center(m: Number, moment: Vector) -> Vector:
     return Vector(*(p / where((high(m) == 0) & (high(p) == 0), 1.0, m) for p in moment))
 
 
-def from_pseudo_inertia(precision: PrecisionName, entries: jax.Array) -> list[jax.Array]:
-    """[com, central] of a 4 x 4 pseudo-inertia by its 16 entries; m is the last."""
-    return _from_pseudo_inertia(precision, entries[..., _OF_PSEUDO])
-
-
 @formula
-def _from_pseudo_inertia(ten: Numbers) -> list[Numbers]:
+def from_second_moments(ten: Numbers) -> list[Numbers]:
+    """[com, central] of m, m c, and Sigma about the origin."""
     moment = Vector(*ten[1:4])
     com = _center(ten[0], moment)
     products = [moment[i] * com[j] for i, j in ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))]
@@ -164,7 +155,7 @@ def slack(M: Inertia, moments: Vector) -> Number:
 def _relative(moments: Vector) -> Number:
     # Moments are ascending, second moments descending.
     seconds = _second_moments(linear.scaled(moments)[0])
-    sizes = total([abs(s) for s in seconds])
+    sizes = left_sum([abs(s) for s in seconds])
     is_zero = high(sizes) == 0
     return where(is_zero, 0.0, seconds[2] / where(is_zero, 1.0, sizes))
 

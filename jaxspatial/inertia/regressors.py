@@ -124,12 +124,12 @@ def _of_wrench(A: Motion, w: Vector) -> Numbers:
         [x + y for x, y in zip(*rows, strict=True)]
         for rows in zip(_of_moments(alpha), _crossed(w, _of_moments(w)), strict=True)
     ]
-    return _rows(-skew(a), torque, a, skew(alpha) + _crossed(w, skew(w)))
+    return _row_by_row(-skew(a), torque, a, skew(alpha) + _crossed(w, skew(w)))
 
 
 @formula(of_sums=True)
 def _of_momentum(V: Motion) -> Numbers:
-    return _rows(-skew(V.v), _of_moments(V.w), V.v, skew(V.w))
+    return _row_by_row(-skew(V.v), _of_moments(V.w), V.v, skew(V.w))
 
 
 @formula(of_sums=True)
@@ -154,7 +154,7 @@ def _crossed(w: Vector, m):
     return Matrix(*map(Vector, *columns)) if isinstance(m, Matrix) else list(zip(*columns, strict=True))
 
 
-def _rows(torque_of_arm: Matrix, torque_of_moments, force: Vector, force_of_arm: Matrix) -> Numbers:
+def _row_by_row(torque_of_arm: Matrix, torque_of_moments, force: Vector, force_of_arm: Matrix) -> Numbers:
     """Six rows of ten, in three blocks: of m, of m c, of the moments of inertia."""
     zero: Number = constant(force[0], 0)
     top = [x for arm, moments in zip(torque_of_arm, torque_of_moments, strict=True) for x in (zero, *arm, *moments)]

@@ -20,7 +20,7 @@ from jaxspatial.numerics import check, linear
 from jaxspatial.numerics.check import expanded
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import pi
-from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, total
+from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, left_sum
 from jaxspatial.numerics.numbers import Number, Numbers, constant, high, noinline_pairs, where
 from jaxspatial.numerics.numbers.double_word import from_double_word
 from jaxspatial.numerics.promise import Normwise, OfSum, Promise
@@ -38,7 +38,7 @@ MESH_CENTRAL = OfSum(15, of="mass r^2 S / V", u2=8)
 # -- what all constructors have in common -----------------------------------------------------------------------------
 
 
-def parts(
+def body(
     shape: Callable,
     mass: ArrayLike | None,
     density: ArrayLike | None,
@@ -47,7 +47,7 @@ def parts(
     axis: ArrayLike | None = None,
     may_be_zero: Container[str] = (),
     n: int = 1,
-) -> tuple[Any, Any, Any]:
+) -> tuple:
     """(mass, com, central) that a formula gives for lengths, or vectors of n lengths, and an axis."""
     name = shape.__name__
     kind, amount = single_amount(name, mass, density)
@@ -102,8 +102,8 @@ def computed(
     has_no_axis = False
     if "axis" in arrays:
         has_no_axis = isinstance(arrays["axis"], np.ndarray) and not arrays["axis"].any(-1).all()
-        arrays["axis"] = known(_direction, None, arrays["axis"])
-    m, *com, central = known(shape, precision, *arrays.values(), **static)
+        arrays["axis"] = evaluated(_direction, None, arrays["axis"])
+    m, *com, central = evaluated(shape, precision, *arrays.values(), **static)
     require_finite(shape.__name__, arrays.values(), m, central, nan=has_no_axis)
     return m.reshape(batch), com[0] if com else check.numpy_for(batch).zeros((*batch, 3), central.dtype), central
 
@@ -120,7 +120,7 @@ def require_finite(name: str, arguments: Iterable, *results, nan: bool = False) 
             raise ValueError(f"{name}: expected mass and moments with terms of at most {largest}, got larger ones")
 
 
-def known(shape: Callable, precision: PrecisionName, *arrays: jax.Array, **static):
+def evaluated(shape: Callable, precision: PrecisionName, *arrays: jax.Array, **static):
     """The formula; where all arrays are known its results are known too, while tracing as well."""
     if not all(isinstance(a, np.ndarray) for a in arrays):
         return shape(precision, *arrays, **static)
@@ -169,14 +169,10 @@ def solid_cube(amount: Numbers, size: Numbers, by: str) -> list:
     return [(m,), Symmetric.diagonal(moment, moment, moment)]
 
 
-def _mass_of_ellipsoid(by: str, amount: Number, a: Number, b: Number, c: Number) -> Number:
-    return _mass(by, amount, a, b, 4 * c, pi(c) / 3)
-
-
 @formula
 def solid_sphere(amount: Numbers, radius: Numbers, by: str) -> list:
     (r,) = radius
-    m = _mass_of_ellipsoid(by, amount[0], r, r, r)
+    m = _mass(by, amount[0], r, r, 4 * r, pi(r) / 3)
     moment = 2 * (m * r * r) / 5
     return [(m,), Symmetric.diagonal(moment, moment, moment)]
 
@@ -191,7 +187,8 @@ def hollow_sphere(amount: Numbers, radius: Numbers, by: str) -> list:
 
 @formula
 def solid_ellipsoid(amount: Numbers, semi_axes: Vector, by: str) -> list:
-    m = _mass_of_ellipsoid(by, amount[0], *semi_axes)
+    a, b, c = semi_axes
+    m = _mass(by, amount[0], a, b, 4 * c, pi(c) / 3)
     a, b, c = (m * s * s / 5 for s in semi_axes)
     return [(m,), Symmetric.diagonal(b + c, c + a, a + b)]
 
@@ -273,7 +270,7 @@ def _determinant(a: Vector, b: Vector, c: Vector) -> Number:
 @noinline_pairs
 def _squares(m: Number, edges: Sequence[Vector]) -> Symmetric:
     """m times the sum of e e^T."""
-    return Symmetric(*(total([m * e[i] * e[j] for e in edges]) for i, j in _PAIRS))
+    return Symmetric(*(left_sum([m * e[i] * e[j] for e in edges]) for i, j in _PAIRS))
 
 
 _PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -360,7 +357,7 @@ def _moments(corners: Matrix, middle: Vector) -> Numbers:
     a, b, c = (_difference(p, middle) for p in (a, b, c))
     d = dot(a, cross(*edges))
     s = a + b + c
-    squares = (d * total([p[i] * p[j] for p in (s, a, b, c)]) for i, j in _PAIRS)
+    squares = (d * left_sum([p[i] * p[j] for p in (s, a, b, c)]) for i, j in _PAIRS)
     return d, *(d * s), *squares
 
 

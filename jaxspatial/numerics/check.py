@@ -4,8 +4,8 @@ import difflib
 import functools
 import operator
 import warnings
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any, NoReturn, TypeVar, cast
+from collections.abc import Iterable, Sequence
+from typing import Any, NoReturn, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,13 +13,8 @@ import numpy as np
 from jax.core import Tracer
 from jax.typing import DTypeLike
 
-# Of what the stubs leave in part unknown. `isinstance` of these types leaves nothing unknown behind.
+# Of what the stubs leave in part unknown. `isinstance` of the type leaves nothing unknown behind.
 NUMPY: type[Any] = np.ndarray
-SCALAR: type[Any] = np.generic
-LIST: type[Any] = list
-TUPLE: type[Any] = tuple
-and_ = cast(Callable, operator.and_)
-truediv = cast(Callable, operator.truediv)
 config: Any = jax.config
 finfo: Any = jnp.finfo
 _dtype_of = operator.attrgetter("dtype")
@@ -143,19 +138,21 @@ def _is_floating(dtype: DTypeLike) -> bool:
 
 def _as_array(x, name: str, dtype: DTypeLike | None):
     if isinstance(x, ARRAYS) and not isinstance(x, float):
-        array = np.asarray(x) if isinstance(x, SCALAR) else x
+        array = np.asarray(x) if isinstance(x, np.generic) else x
         # Integers say no more than those of a list.
         is_integer = isinstance(array, NUMPY) and array.dtype.kind in "iu"
         return array.astype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype) if is_integer else array
-    leaves = jax.tree.leaves(x)
+    leaves, problem = jax.tree.leaves(x), None
     try:
         if any(isinstance(leaf, jax.Array) for leaf in leaves):
             return jnp.asarray(x)
         array = np.asarray(x)
     except (TypeError, ValueError) as error:
-        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}") from error
-    if array.dtype.kind not in "fiub":
-        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {_shown(x)}")
+        array, problem = None, error
+    if array is None or array.dtype.kind not in "fiub":
+        text = repr(x)
+        came = f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
+        raise TypeError(f"{name}: expected an array of floating point ({_FLOATS}), got {came}") from problem
     # Python numbers have no dtype, nor have lists of them or of NumPy scalars, or of NumPy arrays of integers.
     if array.dtype.kind in "iu":
         has_dtype = any(isinstance(leaf, (bool, np.bool_)) for leaf in leaves)
@@ -170,11 +167,6 @@ def narrowed(tree: _Tree) -> _Tree:
     if config.jax_enable_x64:
         return tree
     return jax.tree.map(_narrowed, tree, is_leaf=goes_with_any_batch)
-
-
-def is_only_held(x) -> bool:
-    """True for NumPy numbers that JAX would narrow."""
-    return isinstance(x, NUMPY) and x.dtype == np.float64 and not config.jax_enable_x64
 
 
 def narrowed_each(arrays: Sequence) -> Sequence:
@@ -211,11 +203,6 @@ def as_dtype(x: DTypeLike | None) -> np.dtype:
 def eps(dtype: DTypeLike) -> float:
     """The distance from 1 to the next number."""
     return float(finfo(dtype).eps)
-
-
-def _shown(x: object) -> str:
-    text = repr(x)
-    return f"{type(x).__name__} {text if len(text) <= 60 else text[:57] + '...'}"
 
 
 def as_vectors(
@@ -291,7 +278,7 @@ def require_same_dtype(**arrays) -> None:
         raise TypeError(f"{' and '.join(dtypes)}: expected one dtype, got {came}; convert with .astype")
 
 
-def same_dtype(**arrays) -> dict[str, Any]:
+def same_dtype(**arrays) -> dict:
     """The arrays, or trees of them, in one dtype: as they are, or as JAX computes with them; see `narrowed`."""
     if len(set(map(_dtype_of, arrays.values()))) == 1:
         return arrays
@@ -334,14 +321,16 @@ def common_batch_shape(**batch_shapes: _Shape) -> _Shape:
 
 def broadcast_batch(batch_shape: _Shape, *arrays) -> tuple:
     """Each array (*batch, n) over the common batch; NumPy stays NumPy."""
-    return tuple([a if a.shape[:-1] == batch_shape else _broadcast(a, batch_shape) for a in arrays])
-
-
-def _broadcast(array, batch_shape: _Shape):
-    if isinstance(array, StandIn):
-        return array._over_batch(batch_shape)
-    library = numpy_for(batch_shape) if isinstance(array, NUMPY) else jnp
-    return library.broadcast_to(array, (*batch_shape, array.shape[-1]))
+    result = []
+    for a in arrays:
+        if a.shape[:-1] == batch_shape:
+            result.append(a)
+        elif isinstance(a, StandIn):
+            result.append(a._over_batch(batch_shape))
+        else:
+            library = numpy_for(batch_shape) if isinstance(a, NUMPY) else jnp
+            result.append(library.broadcast_to(a, (*batch_shape, a.shape[-1])))
+    return tuple(result)
 
 
 def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:

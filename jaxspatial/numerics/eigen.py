@@ -31,10 +31,10 @@ _SWEEPS_OF_DOUBLE_WORDS = 7
 
 def matrix_of_six(six: jax.Array) -> jax.Array:
     """(*batch, 3, 3) of (*batch, 6)."""
-    return picked(six, _TO_NINE).reshape((*six.shape[:-1], 3, 3))
+    return at_places(six, _TO_NINE).reshape((*six.shape[:-1], 3, 3))
 
 
-def picked(x, places: np.ndarray):
+def at_places(x, places: np.ndarray):
     """x[..., places], of slices: an index by arrays would be a gather. What is known stays so."""
     if not isinstance(x, (jax.Array, DoubleWord)):
         return x[..., places]
@@ -66,7 +66,7 @@ def decomposition(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.
 
 
 @decomposition.defjvp
-def _decomposition_jvp(precision: Precision, primals: tuple[Any], tangents: tuple[Any]) -> tuple[Any, Any]:
+def _decomposition_jvp(precision: Precision, primals: tuple[Any], tangents: tuple[Any]) -> tuple:
     results = decomposition(precision, *primals)
     moved = _tangents(Precision.REPRODUCIBLE, *from_double_word((*results, *tangents)))
     if isinstance(results[0], DoubleWord):
@@ -94,11 +94,11 @@ def _decomposed(six: Symmetric, eps: float) -> list:
     is_round = high(moments[2] - moments[0]) <= 4 * eps * trace
     identity = _identity(six.xx)
     _, permutation = _sorted((six.xx, six.yy, six.zz), identity)
-    axes = _chosen(is_round, identity, _chosen(largest <= 2 * eps * trace, permutation, axes))
+    axes = _where(is_round, identity, _where(largest <= 2 * eps * trace, permutation, axes))
     return [Vector(*(times_power_of_two(x, e) for x in moments)), axes]
 
 
-def _chosen(mask: jax.Array, a: Matrix, b: Matrix) -> Matrix:
+def _where(mask: jax.Array, a: Matrix, b: Matrix) -> Matrix:
     return Matrix.of_entries([where(mask, x, y) for x, y in zip(a.entries, b.entries, strict=True)])
 
 
@@ -108,20 +108,15 @@ def _identity(like: Number) -> Matrix:
 
 def _sorted(moments: Sequence[Number], axes: Matrix) -> tuple[Sequence[Number], Matrix]:
     """In ascending order, equal ones as they are. Where that is an odd permutation the third axis is reversed."""
-    moments, columns = list(moments), list[Any](axes.T)
-    is_odd = np.False_
+    columns, is_odd = [(m, *column) for m, column in zip(moments, axes.T, strict=True)], np.False_
     for i, j in ((0, 1), (1, 2), (0, 1)):
-        swap = high(moments[i]) > high(moments[j])
-        moments[i], moments[j] = _exchanged(swap, moments[i], moments[j])
-        pairs = [_exchanged(swap, x, y) for x, y in zip(columns[i], columns[j], strict=True)]
-        columns[i], columns[j] = zip(*pairs, strict=True)
+        swap = high(columns[i][0]) > high(columns[j][0])
+        exchanged = [(where(swap, y, x), where(swap, x, y)) for x, y in zip(columns[i], columns[j], strict=True)]
+        columns[i], columns[j] = zip(*exchanged, strict=True)
         is_odd = is_odd ^ swap
-    columns[2] = [where(is_odd, -x, x) for x in columns[2]]
-    return moments, Matrix(*columns).T
-
-
-def _exchanged(swap: jax.Array, a: Number, b: Number) -> tuple[Number, Number]:
-    return where(swap, b, a), where(swap, a, b)
+    first, second, third = (Vector(*column[1:]) for column in columns)
+    third = Vector(*(where(is_odd, -x, x) for x in third))
+    return [column[0] for column in columns], Matrix(first, second, third).T
 
 
 def _jacobi(six: Symmetric) -> tuple[Sequence[Number], Matrix]:

@@ -5,7 +5,7 @@ Outside of a trace a formula is one compiled program; inside, it becomes part of
 
 import functools
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -73,7 +73,13 @@ def formula(
     """
     if function is None:
         return functools.partial(formula, of_sums=of_sums, layout=layout, by_number=by_number)
-    function = _of_numbers(function) if by_number else function
+    if by_number:
+        of_numbers = function
+
+        def of_vectors(*vectors, **static):
+            return of_numbers(*(v[0] for v in vectors), **static)
+
+        function = functools.wraps(of_numbers)(of_vectors)
     run = functools.partial(_run_sums, layout=tuple(layout)) if of_sums else _run
     program = functools.partial(_run_with_zeros, run, function)
 
@@ -91,23 +97,14 @@ def formula(
             arrays.extend(x) if groups[-1] else arrays.append(x)
         arrays = [x[..., None] for x in arrays] if by_number else arrays
         arrays = check.narrowed_each(arrays)
-        if Components in map(type, arrays):
-            arrays = components.beside_components(arrays)
+        if Components in map(type, arrays) and not components.all_are_zero(arrays):
+            # Beside Components, NumPy arrays are known where they are 0, 1 or -1.
+            arrays = [components.as_components(a) if isinstance(a, np.ndarray) else a for a in arrays]
         known = np.ndarray in map(type, arrays)
         tracing = known and any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(arrays))
         return (program if tracing else compiled())(
             resolve(precision), tuple(groups), tuple(sorted(static.items())), *arrays
         )
-
-    return call
-
-
-def _of_numbers(function: Callable) -> Callable:
-    """The function of vectors of one number each."""
-
-    @functools.wraps(function)
-    def call(*vectors, **static):
-        return function(*(v[0] for v in vectors), **static)
 
     return call
 
@@ -118,15 +115,16 @@ _GROUPS: Any = Motion, Wrench, Pose, Inertia, Articulated
 
 def _applied(function: Callable, groups: Sequence, vectors: Iterable):
     """Calls the function with the vectors, grouped into Motions and the like: one result, or a list of several."""
-    rest = iter(vectors)
-    result = function(*[next(rest) if kind is None else _grouped(kind, rest) for kind in groups])
+    rest, arguments = iter(vectors), []
+    for kind in groups:
+        if kind is None:
+            arguments.append(next(rest))
+            continue
+        x = kind(*(next(rest) for _ in kind._fields))
+        # The mass, an array (*batch, 1), is a number.
+        arguments.append(x._replace(mass=x.mass[0]) if kind is Inertia else x)
+    result = function(*arguments)
     return list(result) if isinstance(result, _GROUPS) else result
-
-
-def _grouped(kind, vectors: Iterator):
-    parts = [next(vectors) for _ in kind._fields]
-    # The mass, an array (*batch, 1), is a number.
-    return Inertia(parts[0][0], *parts[1:]) if kind is Inertia else kind(*parts)
 
 
 def _run_with_zeros(run: Callable, function: Callable, precision: Precision, groups, static, *arrays):
@@ -139,21 +137,21 @@ def _run_with_zeros(run: Callable, function: Callable, precision: Precision, gro
 
     def noted(vectors):
         results = call(vectors)
-        several: list = results if isinstance(results, check.LIST) else [results]
-        is_vector[:] = [isinstance(x, (ArrayVector, check.TUPLE)) and not isinstance(x, Quotient) for x in several]
+        several: list = results if isinstance(results, list) else [results]
+        is_vector[:] = [isinstance(x, (ArrayVector, tuple)) and not isinstance(x, Quotient) for x in several]
         return results
 
     results = run(noted, precision, [components.as_array(a, ()) for a in arrays])
-    several = results if isinstance(results, check.LIST) else [results]
+    several = results if isinstance(results, list) else [results]
     several = [
         components.zero(x.shape[-1], x.dtype) if yes and components.is_zero(x) else x
         for yes, x in zip(is_vector, several, strict=True)
     ]
-    return several if isinstance(results, check.LIST) else several[0]
+    return several if isinstance(results, list) else several[0]
 
 
 def _run(function: Callable, precision: Precision, arrays: Sequence):
-    is_pair = _has_pairs(arrays)
+    is_pair = any(map(components.has_pairs, arrays))
     twice = is_pair or precision.sees_whole_sums
     with jax.enable_x64(bool(check.config.jax_enable_x64) or twice):
         numbers = functools.partial(of_array, precision=precision, twice=twice)
@@ -173,7 +171,7 @@ def _run_over(
     vectors = list(map(numbers, check.broadcast_batch(batch, *arrays)))
     result = function([v.numbers if isinstance(v, ArrayVector) and v.size == 9 else v for v in vectors])
     results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, are_components)
-    if not isinstance(result, check.LIST):
+    if not isinstance(result, list):
         return results.rounded(_laid_out(result, vectors, layout[0] if layout else None))
     if layout:
         return [results.rounded(_laid_out(x, vectors, k)) for x, k in zip(result, layout, strict=False)]
@@ -192,29 +190,23 @@ def _laid_out(x, vectors: Sequence, k: int | None):
 # -- sums of products --------------------------------------------------------------------------------------------------
 
 
-def _has_pairs(arrays: Sequence) -> bool:
-    """Whether an array is a double word, or Components with a double word among them."""
-    kinds = list(map(type, arrays))
-    return DoubleWord in kinds or (Components in kinds and any(map(components.has_pairs, arrays)))
-
-
 def _run_sums(function: Callable, precision: Precision, arrays: Sequence, layout: Sequence[int | None]):
-    are_components = Components in map(type, arrays)
-    if precision.sees_whole_sums or _has_pairs(arrays):
+    if precision.sees_whole_sums or any(map(components.has_pairs, arrays)):
         return run_symbolically(function, precision, arrays)
 
-    numbers = functools.partial(_of_components if are_components else Argument, precision)
+    def numbers(array):
+        if not are_components:
+            return Argument(precision, array)
+        values = components.as_components(array).components
+        return linear.by_size(tuple(Rounded(precision, x, from_outside(x, precision)) for x in values))
+
+    are_components = Components in map(type, arrays)
     if arrays[0].dtype != jnp.bfloat16:
         return _run_over(numbers, function, arrays, layout)
     # The barrier keeps the compiler from dropping the rounding to bfloat16 before it.
     wide = jax.tree.map(lambda x: barrier(x).astype(np.float32), arrays)
     results = _run_over(numbers, function, wide, layout)
     return jax.tree.map(functools.partial(converted, dtype=jnp.bfloat16), results)
-
-
-def _of_components(precision: Precision, array):
-    values = components.as_components(array).components
-    return linear.by_size(tuple(Rounded(precision, x, from_outside(x, precision)) for x in values))
 
 
 # -- arrays as vectors of numbers --------------------------------------------------------------------------------------
@@ -226,9 +218,7 @@ class ArrayVector(Sequence[Any]):
     `+` and `-` with it on the left are one operation on whole arrays, unless some numbers are known.
     """
 
-    def __init__(
-        self, precision: Precision, size: int, make_array: Callable[[], Any], make_values: Callable[[], Sequence]
-    ):
+    def __init__(self, precision: Precision, size: int, make_array: Callable, make_values: Callable[[], Sequence]):
         self.precision, self.size = precision, size
         self._make_array, self._make_values = make_array, make_values
 
@@ -381,7 +371,7 @@ class _Results(NamedTuple):
             return self._summed(x.vector)
         if isinstance(x, ArrayVector):
             return x.array
-        if isinstance(x, check.TUPLE):
+        if isinstance(x, tuple):
             x = x.entries if isinstance(x, Matrix) else x
             parts = [self._number(c) for c in x]
             if self.are_components:

@@ -53,7 +53,11 @@ def series(coefficients: Iterable[Fraction], x: Number, largest: float | Fractio
 def _polynomial(coefficients: tuple[Fraction, ...]) -> Callable:
     def evaluated(x) -> Number:
         if isinstance(x, DoubleWord):
-            return _scanned(coefficients, x)
+            # In a loop: written out, it would compile for seconds.
+            pairs = [constant(x, c) for c in reversed(coefficients)]
+            first, rest = pairs[0], jax.tree.map(lambda *limbs: np.stack(limbs), *pairs[1:])
+            start = jax.tree.map(lax.full_like, x, first)
+            return lax.scan(lambda result, c: (result * x + c, None), start, rest)[0]
         if is_constant(x) or len(coefficients) == 1:
             return _horner(coefficients, x)
         return _corrected(coefficients, x) if isinstance(x, Corrected) else _of_data(coefficients, x.precision)(x)
@@ -95,27 +99,12 @@ def _corrected(coefficients: tuple[Fraction, ...], x: Corrected) -> Number:
     return _horner((*coefficients[:n], x._of_limb(rest.value)), x)
 
 
-def _scanned(coefficients: tuple[Fraction, ...], x: Number) -> Number:
-    """The polynomial of a double word as a loop: written out, it would compile for seconds."""
-    pairs = [constant(x, c) for c in reversed(coefficients)]
-    first, rest = pairs[0], jax.tree.map(lambda *limbs: np.stack(limbs), *pairs[1:])
-    start = jax.tree.map(lax.full_like, x, first)
-    return lax.scan(lambda result, c: (result * x + c, None), start, rest)[0]
+def stumpff(k: int, x: Number, largest: float | Fraction) -> Number:
+    """Stumpff's function c_k, the sum of (-x)^n / (2 n + k)!, for 0 <= x <= largest. With x = a^2:
 
-
-def _alternating(of: Callable[[int], int]) -> Iterator[Fraction]:
-    """(-1)^n / of(n)."""
-    return (Fraction((-1) ** n, of(n)) for n in itertools.count())
-
-
-def cosine_series(x: Number, largest: float | Fraction) -> Number:
-    """cos(a) of x = a^2."""
-    return series(_alternating(lambda n: math.factorial(2 * n)), x, largest)
-
-
-def sine_series(x: Number, largest: float | Fraction) -> Number:
-    """sin(a) / a of x = a^2."""
-    return series(_alternating(lambda n: math.factorial(2 * n + 1)), x, largest)
+    c_0 = cos(a)        c_1 = sin(a) / a        c_2 = (1 - cos(a)) / a^2        c_k+2 = (1 / k! - c_k) / a^2
+    """
+    return series((Fraction((-1) ** n, math.factorial(2 * n + k)) for n in itertools.count()), x, largest)
 
 
 def turns(angle: Number, parts: int) -> tuple[Number, Number]:
@@ -164,13 +153,9 @@ _quarter_turns = noinline_pairs(functools.partial(turns, parts=4))
 @noinline
 def cosine_sine(angle: Number) -> tuple[Number, Number]:
     """(cos, sin) of an angle, each to 2 u of 1, sine relative to itself near 0. NaN for angles beyond 1 / u."""
-    k, rest = _quarter_turns(angle)
+    turned, rest = _quarter_turns(angle)
     x = rest * rest
-    c, s = cosine_series(x, 0.64), rest * sine_series(x, 0.64)
-    return _quarter_turned(k, c, s)
-
-
-def _quarter_turned(turned: Number, c: Number, s: Number) -> tuple[Number, Number]:
+    c, s = stumpff(0, x, 0.64), rest * stumpff(1, x, 0.64)
     k = Rounded(Precision.FAST, high(turned))  # Of integers all this is exact.
     quarter = high(k - 4 * nearest_integer(k * 0.25))  # -2, -1, 0, 1 or 2
     size = abs(quarter)

@@ -35,12 +35,9 @@ def each(operation: Callable[..., Number], *lists: Sequence) -> list:
         return list(map(operation, *lists))
     pairs = [x for x in itertools.chain(*lists) if isinstance(x, DoubleWord)]
     shape = check.broadcast_shapes(*(x.shape for x in pairs))
-
-    def stack(*limbs) -> jax.Array:
-        return jnp.stack([jnp.broadcast_to(y, shape) for y in limbs])
-
     both = [[x if isinstance(x, DoubleWord) else constant(pairs[0], x) for x in numbers] for numbers in lists]
-    result: Any = noinline_pairs(operation)(*(jax.tree.map(stack, *numbers) for numbers in both))
+    stacked = (jax.tree.map(lambda *y: jnp.stack([jnp.broadcast_to(z, shape) for z in y]), *x) for x in both)
+    result: Any = noinline_pairs(operation)(*stacked)
     return [result[i] for i in range(len(lists[0]))]
 
 
@@ -82,7 +79,7 @@ class Entrywise(Partwise):
         return self._make(each(operator.mul, (s,) * len(self), self))
 
     def __truediv__(self: Any, s: Number | float):
-        return self._make(each(check.truediv, self, (s,) * len(self)))
+        return self._make(each(operator.truediv, self, (s,) * len(self)))
 
 
 class _Three(NamedTuple):
@@ -238,14 +235,14 @@ def by_size(numbers: Sequence) -> Any:
 # -- products ----------------------------------------------------------------------------------------------------------
 
 
-def total(numbers: Iterable[Number]) -> Number:
+def left_sum(numbers: Iterable[Number]) -> Number:
     """Their sum, from the left. [Higham 2002, 4.1: recursive summation]"""
     return functools.reduce(operator.add, numbers)
 
 
 def dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
     """a . b, summed from the left."""
-    return total(each(operator.mul, a, b))
+    return left_sum(each(operator.mul, a, b))
 
 
 def dots(pairs: Sequence[tuple[Sequence[Number], Sequence[Number]]]) -> list[Number]:
@@ -291,7 +288,7 @@ def square(v: Sequence[Number]) -> tuple[Number, Number | None]:
     shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
     grid = tuple((x + shift) - shift for x in v)
     coarse = dot(grid, grid)
-    fine = total([(x + y) * (x - y) for x, y in zip(v, grid, strict=True)])
+    fine = left_sum([(x + y) * (x - y) for x, y in zip(v, grid, strict=True)])
     rounded = coarse + fine
     return rounded, frozen(fine - (rounded - coarse))
 
@@ -299,7 +296,7 @@ def square(v: Sequence[Number]) -> tuple[Number, Number | None]:
 # -- lengths -----------------------------------------------------------------------------------------------------------
 
 
-def scaled(v: Sequence[Number]) -> tuple[Any, Any]:
+def scaled(v: Sequence[Number]) -> tuple:
     """(v 2^-e, e), with the largest component between 1/2 and 1, so that squares neither over- nor underflow."""
     values = [high(x) for x in v]
     if all(map(is_known, values)):
@@ -321,7 +318,7 @@ def unit(v: Sequence[Number]):
         v = [x.with_limbs(w if is_known(w, 0) else w * s for w in x.limbs) for x in v]
     length = dot(v, v).sqrt()
     length = where(high(length) < math.inf, length, math.nan)
-    return by_size(each(check.truediv, v, (length,) * len(v)))
+    return by_size(each(operator.truediv, v, (length,) * len(v)))
 
 
 @noinline_pairs

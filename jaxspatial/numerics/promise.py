@@ -19,7 +19,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from jaxspatial.numerics.precision import Precision
 
-_Function = TypeVar("_Function", bound=Callable[..., Any])
+_Function = TypeVar("_Function", bound=Callable)
 
 # Of the units of roundoff that a denominator has to be, of its mag, for a quotient to be known.
 SMALLEST = 24
@@ -52,19 +52,15 @@ class Promise(NamedTuple):
         """The bound for numbers r of any kind, as of exact rationals. ulp: the unit in the last place of r."""
         if self.is_exact:
             return 0 * mag
-        precision = Precision(precision)
+        # Factors as the kind of number that the unit roundoff is of.
+        precision, number = Precision(precision), type(roundoff)
         if precision.is_within_an_ulp:
-            return ulp + self._exactly(self.u3, roundoff) * roundoff**3 * mag
+            return ulp + number(self.u3) * roundoff**3 * mag
         if precision.sees_whole_sums:
-            twice, of_result = (self._exactly(x, roundoff) * roundoff**2 for x in (self.u2, self.u2_of_result))
+            twice, of_result = (number(x) * roundoff**2 for x in (self.u2, self.u2_of_result))
             return roundoff * abs(r) + twice * mag + of_result * abs(r) * condition
-        once, of_result = (self._exactly(x, roundoff) * roundoff for x in (self.u, self.u_of_result))
+        once, of_result = (number(x) * roundoff for x in (self.u, self.u_of_result))
         return once * mag + of_result * abs(r) * condition
-
-    @staticmethod
-    def _exactly(factor: float, roundoff):
-        """The factor as the kind of number that the unit roundoff is of."""
-        return type(roundoff)(factor)
 
     def words(self, precision: Precision | str) -> str:
         """The bound in a table."""

@@ -7,7 +7,6 @@ import json
 import operator
 import typing
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
 
 import jax
 import jax.export
@@ -29,14 +28,7 @@ def tree(cls: type[_Class]) -> type[_Class]:
 
     JAX rebuilds it with whatever leaves it needs, without the checks that `__post_init__` makes of a caller's.
     """
-    cls = _registered(cls)
-    jax.export.register_pytree_node_serialization(
-        cls,
-        serialized_name=f"jaxspatial.{cls.__name__}",
-        serialize_auxdata=lambda _: b"",
-        deserialize_auxdata=lambda _: (),
-    )
-    return cls
+    return exported_tree_of()(cls)
 
 
 @typing.dataclass_transform(eq_default=False, frozen_default=True)
@@ -54,8 +46,8 @@ def exported_tree_of(*structure: str) -> typing.Callable[[type[_Class]], type[_C
         jax.export.register_pytree_node_serialization(
             cls,
             serialized_name=f"jaxspatial.{cls.__name__}",
-            serialize_auxdata=lambda structure: json.dumps(structure).encode(),
-            deserialize_auxdata=lambda data: _as_tuples(json.loads(data)),
+            serialize_auxdata=lambda structure: json.dumps(structure).encode() if structure else b"",
+            deserialize_auxdata=lambda data: _as_tuples(json.loads(data)) if data else (),
         )
         return cls
 
@@ -94,7 +86,7 @@ def _registered(cls, *static: str):
     return cls
 
 
-def _getter(names: Sequence[str]) -> Callable[[Any], tuple]:
+def _getter(names: Sequence[str]) -> Callable:
     """The fields of these names, in a tuple."""
     return operator.attrgetter(*names) if len(names) > 1 else lambda x: tuple(getattr(x, name) for name in names)
 
@@ -144,21 +136,7 @@ class Quantity:
         return tuple(getattr(self, name) for name in self.__match_args__)
 
     def _with_vectors(self, vectors: Iterable) -> typing.Self:
-        """The same kind of quantity made of others.
-
-        Args:
-            vectors: arrays as those of `_vectors`, in that order; *unchecked*.
-
-        Returns:
-            The same kind, over the batch of the arrays.
-
-        Error: none, it is exact.
-
-        Example:
-            >>> F = js.SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
-            >>> F._with_vectors(-x for x in F._vectors)
-            SpatialForce(tau=[-0.0, -0.0, -3.0], f=[-1.0, -2.0, -0.0])
-        """
+        """The same kind of other arrays, in the order of `_vectors`; *unchecked*."""
         return rebuilt(type(self), self.__match_args__, vectors)
 
     def astype(self, dtype: DTypeLike | None) -> typing.Self:
@@ -185,7 +163,7 @@ class Quantity:
         with np.errstate(all="ignore"):
             return jax.tree.map(converted, self, is_leaf=lambda x: isinstance(x, check.StandIn))
 
-    def at_batch(self, index: Any) -> typing.Self:
+    def at_batch(self, index) -> typing.Self:
         """The items at an index of the batch, as NumPy has it.
 
         Args:
@@ -204,7 +182,11 @@ class Quantity:
             >>> F.at_batch(1)
             SpatialForce(tau=[0.0, 0.0, 0.0], f=[5.0, 0.0, 0.0])
         """
-        index = tuple(map(_narrow_index, index if isinstance(index, check.TUPLE) else (index,)))
+        index = index if isinstance(index, tuple) else (index,)
+        index = [np.asarray(i, None if i else np.int32) if isinstance(i, list) else i for i in index]
+        # Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on.
+        is_wide = [isinstance(i, check.NUMPY) and i.dtype.kind in "iu" for i in index]
+        index = tuple(i.astype(np.int32) if wide else i for i, wide in zip(index, is_wide, strict=True))
         _require_in_range(self, index)
         # Of what consists of known numbers alone there is one for any batch.
         items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self._vectors)
@@ -214,7 +196,7 @@ class Quantity:
         """Says what to call: `np.asarray` would make an array of one object of it. `jnp.asarray` comes here, too."""
         raise TypeError(f"asarray: expected an array, got {type(self).__name__}; its numbers are x.{self._as_array}()")
 
-    def __eq__(self, other: object) -> Any:
+    def __eq__(self, other: object):
         """Where all components are equal: a mask (*batch,)."""
         if type(other) is not type(self):
             # Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so.
@@ -227,13 +209,14 @@ class Quantity:
         leaves = (jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None) for x in (self, other))
         numeric = [all(isinstance(leaf, check.ARRAYS) for leaf in each) for each in leaves]
         if not all(numeric):
-            return not any(numeric) and _fields(self) == _fields(other)
+            fields = ([getattr(x, name) for name in self.__match_args__] for x in (self, other))
+            return not any(numeric) and operator.eq(*fields)
         a, b = matched(self, other, "==")
         parts = ([as_array(v, x.batch_shape) for v in x._vectors] for x in (a, b))
         equal = (x == y for x, y in zip(*parts, strict=True))
-        return functools.reduce(check.and_, [mask[..., i] for mask in equal for i in range(mask.shape[-1])])
+        return functools.reduce(operator.and_, [mask[..., i] for mask in equal for i in range(mask.shape[-1])])
 
-    def __ne__(self, other: object) -> Any:
+    def __ne__(self, other: object):
         equal = self == other
         return equal if equal is NotImplemented else not equal if isinstance(equal, bool) else ~equal
 
@@ -348,7 +331,7 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
         (2,) True
     """
     arguments = {f"quantities[{i}]": x for i, x in enumerate(quantities)}
-    _require_one_kind(arguments)
+    _require_alike(arguments)
     items = list(check.same_dtype(**arguments).values())
     batch = items[0].batch_shape
     place = check.batch_axis(axis, (*batch, len(items)), "stack")
@@ -356,21 +339,19 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
     return items[0]._with_vectors([_stack_of_vectors(vectors, batch, place) for vectors in columns])
 
 
-def _require_one_kind(arguments: dict[str, Any]) -> None:
+def _require_alike(arguments: dict) -> None:
     if not arguments:
         raise ValueError("stack: expected at least one quantity, got none")
     for name, x in arguments.items():
         if not isinstance(x, Quantity):
             raise TypeError(f"stack: {name}: expected a spatial vector or the like, got {type(x).__name__}")
-    _require_equal({name: type(x).__name__ for name, x in arguments.items()}, "one kind", TypeError)
-    _require_equal({name: x.batch_shape for name, x in arguments.items()}, "equal batch shapes", ValueError)
-
-
-def _require_equal(arguments: dict[str, Any], expected: str, error: type[Exception]) -> None:
-    first, *others = arguments.items()
-    for name, other in others:
-        if other != first[1]:
-            raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
+    kinds = {name: type(x).__name__ for name, x in arguments.items()}
+    batch_shapes = {name: x.batch_shape for name, x in arguments.items()}
+    for came, expected, error in ((kinds, "one kind", TypeError), (batch_shapes, "equal batch shapes", ValueError)):
+        first, *others = came.items()
+        for name, other in others:
+            if other != first[1]:
+                raise error(f"stack: expected {expected}, got {first[0]}: {first[1]}, {name}: {other}")
 
 
 def _stack_of_vectors(vectors: Sequence, batch: tuple[int, ...], place: int):
@@ -395,12 +376,6 @@ def moved_to_last(vectors: Iterable, place: int, batch_shape: tuple[int, ...]) -
     return [jax.tree.map(moved, x) if place != last else x for x in vectors]
 
 
-def _narrow_index(i):
-    """Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on."""
-    i = np.asarray(i, None if i else np.int32) if isinstance(i, check.LIST) else i
-    return i.astype(np.int32) if isinstance(i, check.NUMPY) and i.dtype.kind in "iu" else i
-
-
 def _require_in_range(x, index: tuple) -> None:
     """JAX takes the last item for what is out of range."""
     if any(isinstance(i, jax.Array) for i in index):
@@ -412,7 +387,3 @@ def _require_in_range(x, index: tuple) -> None:
     except IndexError as error:
         kind = type(x).__name__
         raise IndexError(f"{kind}.at_batch: expected an index of a batch of shape {x.batch_shape}: {error}") from None
-
-
-def _fields(x) -> list:
-    return [getattr(x, field.name) for field in dataclasses.fields(x)]

@@ -4,7 +4,8 @@ With t the angle |w| and x its square, everything is made of
 
     cos(t/2)    S = sin(t/2) / (t/2)    c3 = (t - sin t) / t^3    c4 = (1/2 - (1 - cos t) / t^2) / t^2    c5 = ...
 
-as series in x, which have the right derivatives of every order at 0 and need no switch up to pi. Beyond pi, whole turns
+(c_k are Stumpff's functions) as series in x, which have the right derivatives of every order at 0 and need no switch
+up to pi. Beyond pi, whole turns
 are subtracted first. Near pi an error of u x makes one of pi u / 2 in the angle, so the rounding error of x is computed
 too, and used as a correction.
 [Barfoot 2017, State Estimation for Robotics, 7.1]
@@ -16,7 +17,7 @@ from collections.abc import Iterator
 from fractions import Fraction
 from typing import NamedTuple
 
-from jaxspatial.numerics.functions import angle_ratio, cosine_series, series, sine_series, turns
+from jaxspatial.numerics.functions import angle_ratio, series, stumpff, turns
 from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross, dot, skew, square
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, doubled, high, noinline, where
 from jaxspatial.rotation import quaternion
@@ -50,7 +51,7 @@ def _angle(w: Vector) -> Angle:
     if missing is not None:
         rest = rest + 0.5 * (missing / angle)
     quarter = doubled(where(is_large, rest * rest, squared), -2)
-    cosine, sine = cosine_series(quarter, _UP_TO_HALF_PI), sine_series(quarter, _UP_TO_HALF_PI)
+    cosine, sine = stumpff(0, quarter, _UP_TO_HALF_PI), stumpff(1, quarter, _UP_TO_HALF_PI)
     if missing is not None:
         missing = where(is_large, 0.0, 0.25 * missing)
         # The derivatives -S/2 and -1/6 + x/240 - ...: two digits are enough.
@@ -97,8 +98,8 @@ def rotation_vector(m: Matrix) -> Vector:
 
 def pose(V: Motion) -> Pose:
     """exp(w, v)."""
-    t = _angle(V.w)
-    return Pose(quaternion.to_matrix(_quaternion(t, V.w)), _translation(t, V.w, V.v))
+    q, p = screw(*V)
+    return Pose(quaternion.to_matrix(q), p)
 
 
 def screw(w: Vector, v: Vector) -> tuple[Numbers, Vector]:
@@ -135,28 +136,24 @@ def _combination(c: Number, half: Number | float, d: Number, w: Vector, v: Vecto
 # -- coefficients -----------------------------------------------------------------------------------------------------
 
 
-def _series(t: Angle, first: int) -> Number:
-    """sum of (-x)^n / (2 n + first)! for angles up to pi."""
-    x = where(t.is_large, 0.0, t.squared)
-    return series((Fraction((-1) ** n, math.factorial(2 * n + first)) for n in itertools.count()), x, _UP_TO_PI)
-
-
 @noinline
 def _coefficients(t: Angle) -> tuple[Number, Number, Number]:
     """c1 = sin t / t, c2 = (1 - cos t) / t^2, c3 = (1 - c1) / t^2."""
     s = t.sine * t.part
     c1 = s * t.cosine
-    return c1, doubled(s * s, -1), _beyond_pi(t, 1 - c1, _series(t, 3))
+    return c1, doubled(s * s, -1), _stumpff(3, t, 1 - c1)
 
 
 @noinline
 def _higher_coefficients(t: Angle, c2: Number, c3: Number) -> tuple[Number, Number]:
     """c4 = (1/2 - c2) / t^2, c5 = (1/6 - c3) / t^2."""
     sixth = constant(c3, Fraction(1, 6))
-    return _beyond_pi(t, 0.5 - c2, _series(t, 4)), _beyond_pi(t, sixth - c3, _series(t, 5))
+    return _stumpff(4, t, 0.5 - c2), _stumpff(5, t, sixth - c3)
 
 
-def _beyond_pi(t: Angle, numerator: Number, up_to_pi: Number) -> Number:
+def _stumpff(k: int, t: Angle, numerator: Number) -> Number:
+    """c_k, which is numerator / t^2: that beyond pi, the series up to pi."""
+    up_to_pi = stumpff(k, where(t.is_large, 0.0, t.squared), _UP_TO_PI)
     return where(t.is_large, numerator / where(t.is_large, t.squared, 16.0), up_to_pi)
 
 
@@ -230,9 +227,3 @@ def coupling(w: Vector, v: Vector) -> Matrix:
         # By components: a difference of vectors of double words is stacked into one, which takes longer here.
         columns.append(Vector(*(a - b for a, b in zip(d, cross(Je, p), strict=True))))
     return Matrix(*columns).T
-
-
-def inverse_coupling(w: Vector, v: Vector) -> Matrix:
-    """-J^-1 Q J^-1, the lower left block of the inverse left Jacobian of exp(w, v)."""
-    inverse = left_jacobian_inverse(w)
-    return -(inverse @ (coupling(w, v) @ inverse))

@@ -200,13 +200,9 @@ def _newton_step(entries: Numbers) -> Numbers:
     determinant = dot(x, cofactors.x)
     is_proper = (high(determinant) > 0) & (high(determinant) < math.inf)
     inverse = _times(1 / where(is_proper, determinant, math.nan), cofactors.entries)
-    s = (_size(inverse) / _size(entries)).sqrt()
+    s = (dot(inverse, inverse).sqrt() / dot(entries, entries).sqrt()).sqrt()
     mean = each(operator.add, _times(s, entries), _times(1 / s, inverse))
     return tuple(doubled(x, -1) for x in mean)
-
-
-def _size(entries: Numbers) -> Number:
-    return dot(entries, entries).sqrt()
 
 
 def _times(s: Number, entries: Numbers) -> Numbers:

@@ -564,7 +564,7 @@ class Rotation(Quantity):
     def __matmul__(self, other: ArrayLike) -> jax.Array: ...
 
     @promises(bound=ROTATED)
-    def __matmul__(self, other: Any) -> Any:
+    def __matmul__(self, other) -> Any:
         """R_AB @ v_B is v_A, (*batch, 3), and R_AB @ R_BC is R_AC, over the common batch.
 
         Error: per component, mag the sum of the absolute values of its three products: at most 3 u mag in "fast" and

@@ -5,7 +5,6 @@ rearranged, numbers taken from one place for another.
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -44,14 +43,8 @@ def barrier_or_nan(x):
 
 # The index of the replica that runs a program: below 2^31, and unknown to the compiler. Its argument is not looked at.
 # It ties the index to the program that computes the argument, where JAX would otherwise evaluate it while tracing.
-_replica_p: Any = Primitive("jaxspatial_replica")
-
-
-@_replica_p.def_abstract_eval
-def _(_) -> ShapedArray:
-    return ShapedArray((), np.dtype(np.uint32))
-
-
+_replica_p = Primitive("jaxspatial_replica")
+_replica_p.def_abstract_eval(lambda _: ShapedArray((), np.dtype(np.uint32)))
 mlir.register_lowering(_replica_p, lambda *_: [stablehlo.replica_id()])
 
 
@@ -72,9 +65,14 @@ def hidden_zero(x: Array) -> Array:
 
 def with_bits(x: Array, mask: Array) -> Array:
     """x with the bits that an integer has set in addition: of a hidden zero, x, of which the compiler knows nothing."""
-    bits = _bits(x)
+    bits = bits_of(x)
     mask = lax.convert_element_type(mask, bits.dtype)
-    return _of_bits(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
+    return lax.bitcast_convert_type(lax.bitwise_or(bits, lax.broadcast(mask, bits.shape)), x.dtype)
+
+
+def bits_of(x: Array) -> Array:
+    """The bits of floating-point numbers, as integers of that size."""
+    return lax.bitcast_convert_type(x, np.dtype(f"uint{finfo(x.dtype).bits}"))
 
 
 def opaque_or_nan(x: Array) -> Array:
@@ -86,30 +84,19 @@ def opaque_or_nan(x: Array) -> Array:
     """
     with jax.enable_x64(True):
         zero = lax.convert_element_type(_zero(x), np.uint32)
-        one, small = (_of_bits(_bits(y) + zero, y.dtype) for y in (jnp.float32(1), jnp.float32(2.0**-30)))
-        total = one + small
-        part = total - one
-        error = (one - (total - part)) + (small - part)
-        is_right = lax.eq(_bits(error), _bits(small))
-        nan = _bits(choice(np.nan, (), x.dtype))
+        numbers = jnp.float32(1), jnp.float32(2.0**-30)
+        one, small = (lax.bitcast_convert_type(bits_of(y) + zero, np.float32) for y in numbers)
+        s = one + small
+        part = s - one
+        error = (one - (s - part)) + (small - part)
+        is_right = lax.eq(bits_of(error), bits_of(small))
+        nan = bits_of(choice(np.nan, (), x.dtype))
         return with_bits(x, lax.select(is_right, _zero(x), nan))
 
 
 def _zero(x: Array) -> Array:
     """A hidden zero, an integer of as many bits as the numbers of x have."""
-    return lax.convert_element_type(hidden_zero(x), _integer(x.dtype))
-
-
-def _integer(dtype: DTypeLike) -> np.dtype:
-    return np.dtype(f"uint{finfo(dtype).bits}")
-
-
-def _bits(x: Array) -> Array:
-    return lax.bitcast_convert_type(x, _integer(x.dtype))
-
-
-def _of_bits(bits: Array, dtype: DTypeLike) -> Array:
-    return lax.bitcast_convert_type(bits, dtype)
+    return lax.convert_element_type(hidden_zero(x), np.dtype(f"uint{finfo(x.dtype).bits}"))
 
 
 def no_fma(x: Array) -> Array:
@@ -117,16 +104,17 @@ def no_fma(x: Array) -> Array:
 
     It asks for a signalling NaN, which no operation returns, as the compiler does not know.
     """
-    info, integer = finfo(x.dtype), _integer(x.dtype)
+    info = finfo(x.dtype)
     # All ones in the exponent, and a fraction whose first bit, that of a quiet NaN, is not set.
     exponent, quiet = ((1 << info.nexp) - 1) << info.nmant, 1 << (info.nmant - 1)
-    never = integer.type(exponent | 0x5B5B5B5B5B5B5B5B % quiet)
     # Also in a program without 64-bit types, that a sum in float64 is a part of.
     with jax.enable_x64(True):
-        bits = _bits(x)
+        bits = bits_of(x)
+        never = bits.dtype.type(exponent | 0x5B5B5B5B5B5B5B5B % quiet)
         # As integers: where there is no NaN (fast-math) a compiler would take x for the only choice.
-        usual, nan = lax.ne(bits, lax.full_like(bits, never)), lax.full_like(bits, never | integer.type(quiet))
-        return _of_bits(lax.select(usual, bits, nan), x.dtype)
+        usual = lax.ne(bits, lax.full_like(bits, never))
+        nan = lax.full_like(bits, never | bits.dtype.type(quiet))
+        return lax.bitcast_convert_type(lax.select(usual, bits, nan), x.dtype)
 
 
 def no_reassociation(x: Array) -> Array:
@@ -157,13 +145,13 @@ def _lowered(function: Callable[..., Array]):
 def _identity(name: str, lower: Callable[[Array], Array]):
     """A primitive that changes nothing, and neither do its derivatives."""
 
-    def tangent(result: Array, _, tangents: Sequence) -> Tangent:
-        return no_tangent(result) if is_zero(tangents[0]) else primitive.bind(*tangents)
-
-    def transpose(cotangent, _) -> list:
-        return [None if is_zero(cotangent) else primitive.bind(cotangent)]
-
-    primitive = elementwise(name, lax.neg_p, _lowered(lower), transpose=transpose, tangent=tangent)
+    primitive = elementwise(
+        name,
+        lax.neg_p,
+        _lowered(lower),
+        tangent=lambda result, _, t: no_tangent(result) if is_zero(t[0]) else primitive.bind(*t),
+        transpose=lambda cotangent, _: [None if is_zero(cotangent) else primitive.bind(cotangent)],
+    )
     return primitive
 
 
@@ -194,9 +182,6 @@ def _bound(primitive, a, b) -> Array:
 def _of_fixed(name: str, operation: Callable[[Array, Array], Array], like, signed: Callable[[Array], Array]):
     """The primitive of an operation, which is a + signed(b), whose result no compiler rearranges."""
 
-    def lowered(a: Array, b: Array) -> Array:
-        return no_reassociation(operation(*over_one_shape(a, b)))
-
     def tangent(result: Array, _, tangents: Sequence) -> Tangent:
         da, db = tangents
         if is_zero(da):
@@ -207,7 +192,8 @@ def _of_fixed(name: str, operation: Callable[[Array, Array], Array], like, signe
         wanted = [ad.is_undefined_primal(x) and not is_zero(cotangent) for x in (a, b)]
         return [cotangent if wanted[0] else None, signed(cotangent) if wanted[1] else None]
 
-    primitive = elementwise(name, like, _lowered(lowered), transpose=transpose, tangent=tangent)
+    lowered = _lowered(lambda a, b: no_reassociation(operation(*over_one_shape(a, b))))
+    primitive = elementwise(name, like, lowered, transpose=transpose, tangent=tangent)
     return primitive
 
 
@@ -280,7 +266,7 @@ def _rounded_root(x: Array):
 def product_tangent(result: Array, primals: Sequence[Array], tangents: Sequence):
     """da b + a db, of tangents that may be known to be zero."""
     (a, b), (da, db) = primals, tangents
-    return _sum(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
+    return _sum_of_tangents(result, [product(x, y) for x, y in ((da, b), (a, db)) if not (is_zero(x) or is_zero(y))])
 
 
 def _quotient_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
@@ -289,7 +275,7 @@ def _quotient_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, 
     result = quotient(a, b)
     of_dividend = [] if is_zero(da) else [quotient(da, b)]
     of_divisor = [] if is_zero(db) else [lax.neg(quotient(product(result, db), b))]
-    return result, _sum(result, of_dividend + of_divisor)
+    return result, _sum_of_tangents(result, of_dividend + of_divisor)
 
 
 def _root_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tangent]:
@@ -298,8 +284,8 @@ def _root_jvp(primals: Sequence[Array], tangents: Sequence) -> tuple[Array, Tang
     return result, no_tangent(result) if is_zero(dx) else quotient(dx, lax.add(result, result))
 
 
-def _sum(result: Array, terms: Sequence[Array]):
-    """The sum of at most two tangents of `result`."""
+def _sum_of_tangents(result: Array, terms: Sequence[Array]):
+    """Of at most two tangents of `result`."""
     return lax.add(*terms) if len(terms) == 2 else terms[0] if terms else no_tangent(result)
 
 
@@ -309,10 +295,6 @@ def _product_transpose(cotangent, a, b) -> list[Array | None]:
     return [product(cotangent, b), None] if ad.is_undefined_primal(a) else [None, product(a, cotangent)]
 
 
-def _quotient_transpose(cotangent, _, b: Array) -> list[Array | None]:
-    return [None if is_zero(cotangent) else quotient(cotangent, b), None]
-
-
 _product_p = elementwise(
     "product",
     lax.mul_p,
@@ -320,7 +302,13 @@ _product_p = elementwise(
     transpose=_product_transpose,
     tangent=product_tangent,
 )
-_quotient_p = elementwise("quotient", lax.div_p, _lowered(_rounded_quotient), _quotient_jvp, _quotient_transpose)
+_quotient_p = elementwise(
+    "quotient",
+    lax.div_p,
+    _lowered(_rounded_quotient),
+    _quotient_jvp,
+    lambda cotangent, _, b: [None if is_zero(cotangent) else quotient(cotangent, b), None],
+)
 _root_p = elementwise("root", lax.sqrt_p, _lowered(lax.sqrt), _root_jvp)
 mlir.register_lowering(_quotient_p, _lowered(_in_float64(_rounded_quotient)), platform="gpu")
 mlir.register_lowering(_root_p, _lowered(_in_float64(_rounded_root)), platform="gpu")

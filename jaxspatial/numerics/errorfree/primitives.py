@@ -22,21 +22,20 @@ from jaxspatial.numerics.jax_internals import (
     set_xla_metadata,
 )
 
-Rule = Callable[..., Any]
 Tangent = Array | ad.Zero
 # Operations of a trace that call another trace.
 CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
-lower_fun = cast(Rule, mlir.lower_fun)
+lower_fun = cast(Callable, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
 
 def elementwise(
     name: str,
     like,
-    lower: Rule,
-    jvp: Rule | None = None,
-    transpose: Rule | None = None,
-    tangent: Rule | None = None,
+    lower: Callable,
+    jvp: Callable | None = None,
+    transpose: Callable | None = None,
+    tangent: Callable | None = None,
     n_results: int | None = None,
 ):
     """A primitive with the shapes, shardings and complaints of the lax primitive `like` for the first two arguments.
@@ -48,23 +47,22 @@ def elementwise(
     primitive = Primitive(f"jaxspatial_{name}")
     primitive.multiple_results = n_results is not None
 
-    def each(result):
-        return result if n_results is None else [result] * n_results
-
     def abstract(*arrays):
         first = arrays[:2]
         shaped = [a for a in first if a.shape]
         is_with_number = len(shaped) == 1 < len(first) and first[0].dtype == first[1].dtype
-        return each(like.abstract_eval(*(shaped * 2 if is_with_number else first))[0])
+        result = like.abstract_eval(*(shaped * 2 if is_with_number else first))[0]
+        return result if n_results is None else [result] * n_results
 
     def batch(args: Sequence[Array], axes: Sequence[int | None]):
-        return primitive.bind(*same_sharding(*_batched(args, axes))), each(0)
+        results = primitive.bind(*same_sharding(*_batched(args, axes)))
+        return results, 0 if n_results is None else [0] * n_results
 
     primitive.def_abstract_eval(abstract)
     primitive.def_impl(compiled(primitive))
     mlir.register_lowering(primitive, lower)
     if tangent:
-        ad.primitive_jvps[primitive] = functools.partial(_jvp, primitive, tangent)
+        ad.primitive_jvps[primitive] = lambda x, dx: (result := primitive.bind(*x), tangent(result, x, dx))
         def_linearization(primitive, tangent)
     elif jvp:
         ad.primitive_jvps[primitive] = jvp
@@ -72,11 +70,6 @@ def elementwise(
         ad.primitive_transposes[primitive] = transpose
     batching.primitive_batchers[primitive] = batch
     return primitive
-
-
-def _jvp(primitive, tangent: Rule, primals: Sequence[Array], tangents: Sequence):
-    result = primitive.bind(*primals)
-    return result, tangent(result, primals, tangents)
 
 
 def compiled(primitive, **parameters) -> Callable:
@@ -89,7 +82,7 @@ def compiled(primitive, **parameters) -> Callable:
     # operation it knows from a mark of its own: without it the search would not end.
     vars(bound).update(_apply_primitive=True)
     bound.__qualname__ = primitive.name
-    program = cast(Callable[..., Any], jax.jit(bound))
+    program = cast(Callable, jax.jit(bound))
 
     def call(*arrays: Array):
         with jax.disable_jit(False):
@@ -218,7 +211,7 @@ def n_devices(context) -> int:
     return getattr(context.module_context.axis_context, "num_devices", 1) or 1
 
 
-def unsharded(lower: Rule, context, *arrays, **parameters):
+def unsharded(lower: Callable, context, *arrays, **parameters):
     """What `lower`, a `lower_fun`, lowers its function to, traced without shardings and manual axes in the types: the
     arithmetic is elementwise, for the compiler to split. (With them, every constant and index made on the way would
     have to be sharded by hand.)"""

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxspatial.numerics.check import finfo
+from jaxspatial.numerics.errorfree.barrier import bits_of
 
 
 def exponent(components: Iterable[jax.Array]) -> jax.Array:
@@ -42,9 +43,8 @@ def _largest(components: Iterable[jax.Array]) -> jax.Array:
 
 def _biased_exponent(x: jax.Array) -> jax.Array:
     """Of a number that is not negative, straight from its bits."""
-    info = finfo(x.dtype)
-    bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
-    return lax.shift_right_logical(bits, lax.full_like(bits, info.nmant))
+    bits = bits_of(x)
+    return lax.shift_right_logical(bits, lax.full_like(bits, finfo(x.dtype).nmant))
 
 
 def times_power_of_two(x: jax.Array, e: jax.Array) -> jax.Array:

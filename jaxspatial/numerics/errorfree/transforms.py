@@ -10,11 +10,10 @@ import math
 from collections.abc import Callable, Sequence
 
 import jax
-import jax.numpy as jnp
 from jax import Array, lax
 
 from jaxspatial.numerics.check import finfo
-from jaxspatial.numerics.errorfree.barrier import no_reassociation, opaque, product_tangent
+from jaxspatial.numerics.errorfree.barrier import bits_of, no_reassociation, opaque, product_tangent
 from jaxspatial.numerics.errorfree.primitives import elementwise, no_tangent, rule, same_sharding
 
 Guard = Callable[[Array], Array]
@@ -60,7 +59,7 @@ def split(x: Array) -> tuple[Array, Array]:
     """
     info = finfo(x.dtype)
     cleared = info.nmant + 1 - (info.nmant + 1) // 2
-    bits = lax.bitcast_convert_type(x, jnp.dtype(f"uint{info.bits}"))
+    bits = bits_of(x)
     half, mask = (bits.dtype.type(n) for n in (1 << (cleared - 1), (1 << info.bits) - (1 << cleared)))
     size = lax.abs(x)
     # The smallest number whose upper half, rounded, is the power of two that the format does not hold.

@@ -26,5 +26,5 @@ from jaxspatial.numerics.numbers.number import shape_of as shape_of
 from jaxspatial.numerics.numbers.number import times_power_of_two as times_power_of_two, where as where
 from jaxspatial.numerics.numbers.number import where_any as where_any
 from jaxspatial.numerics.numbers.number import with_data as with_data, without_data as without_data
-from jaxspatial.numerics.numbers.number import Mask as Mask, Number as Number, Numbers as Numbers
-from jaxspatial.numerics.numbers.rounded import Rounded as Rounded
+from jaxspatial.numerics.numbers.number import Mask as Mask, Numbers as Numbers
+from jaxspatial.numerics.numbers.rounded import Number as Number, Rounded as Rounded

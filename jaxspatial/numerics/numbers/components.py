@@ -68,7 +68,7 @@ class Components(Arithmetic, check.StandIn):
     structure: _Structure
     data: tuple
 
-    def __init__(self, *components: Any, dtype: DTypeLike | None = None):
+    def __init__(self, *components, dtype: DTypeLike | None = None):
         """Checks what a caller passes. JAX rebuilds Components without it, with whatever leaves it needs."""
         if not components:
             raise ValueError("Components: expected at least one component, got none")
@@ -84,7 +84,7 @@ class Components(Arithmetic, check.StandIn):
         self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
 
     @classmethod
-    def from_array(cls, x: Any, known: Sequence[float | None]) -> Self:
+    def from_array(cls, x, known: Sequence[float | None]) -> Self:
         """The components of x (*batch, n), but for those of which the number is known: `known` has it, or None.
 
             js.Components.from_array(p, (None, None, 0.0))      # what a plane leaves of p
@@ -130,7 +130,7 @@ class Components(Arithmetic, check.StandIn):
         return x
 
     @classmethod
-    def of_array(cls, x: Any) -> Self:
+    def of_array(cls, x) -> Self:
         """Of an array: in one of NumPy, components that are 0, 1 or -1 throughout are known.
 
         Args:
@@ -197,21 +197,7 @@ class Components(Arithmetic, check.StandIn):
         return np.asarray(self.to_array(), dtype)
 
     def _over_batch(self, batch_shape: tuple[int, ...]) -> "Components":
-        """The data over another batch; what is known goes with any.
-
-        Args:
-            batch_shape: one that the batch of the data broadcasts to.
-
-        Returns:
-            The Components over it.
-
-        Error: none, it is exact.
-
-        Example:
-            >>> x = js.Components(jnp.array(2.0), 0.0)
-            >>> print(x._over_batch((4,)).shape)
-            (4, 2)
-        """
+        """The data over another batch; what is known goes with any."""
         return _rebuild(self.structure, (_over(c, batch_shape, self.dtype) for c in self.data))
 
     def astype(self, dtype: DTypeLike) -> "Components":
@@ -250,12 +236,12 @@ class Components(Arithmetic, check.StandIn):
             >>> print(x.reshape((6, 2)).shape)
             (6, 2)
         """
-        new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (check.TUPLE, check.LIST)) else shape
+        new: Any = shape[0] if len(shape) == 1 and isinstance(shape[0], (tuple, list)) else shape
         if new[-1] != self.shape[-1]:
             return self.to_array().reshape(new)
         return _rebuild(self.structure, (c.reshape(tuple(new[:-1])) for c in self.data))
 
-    def __getitem__(self, index: Any) -> Any:
+    def __getitem__(self, index) -> Any:
         """As of the array: x[..., i] is component i, (*batch,), as a NumPy array where it is known; x[..., 1:] and x[3]
         of a batch are Components. What needs components as an axis, x[..., None], comes as an array."""
         batch, which = _split_index(index, self.ndim, bool(self.data))
@@ -364,7 +350,7 @@ def _checked(c, name: str, dtype) -> Any:
 # -- Components where arrays are meant, and arrays beside Components ---------------------------------------------------
 
 
-def from_components(x: Any) -> Any:
+def from_components(x) -> Any:
     """Every Components of a tree as one array. All else stays as it is.
 
     What is known goes with any batch, and comes without one where all of it is known.
@@ -385,7 +371,7 @@ def from_components(x: Any) -> Any:
     return jax.tree.map(functools.partial(as_array, batch_shape=()), x, is_leaf=is_components)
 
 
-def as_array(x: Any, batch_shape: tuple[int, ...]) -> Any:
+def as_array(x, batch_shape: tuple[int, ...]) -> Any:
     """Components as one array over a batch, of which known numbers have none; anything else as it is."""
     return x.to_array(batch_shape) if is_components(x) else x
 
@@ -405,14 +391,6 @@ def is_zero(x) -> bool:
 def all_are_zero(arrays: Sequence) -> bool:
     """Whether all Components among the arrays are zeros."""
     return all(is_zero(a) for a in arrays if isinstance(a, Components))
-
-
-def beside_components(arrays: Sequence) -> Sequence:
-    """The arguments of a formula of which one is Components: where that is not merely zero, NumPy arrays are made such,
-    known where they are 0, 1 or -1."""
-    if all_are_zero(arrays):
-        return arrays
-    return tuple(as_components(a) if isinstance(a, np.ndarray) else a for a in arrays)
 
 
 def has_pairs(x) -> bool:
@@ -442,13 +420,9 @@ def _over(c, batch: tuple[int, ...], dtype):
     """The component over a batch; a number in its dtype."""
     if isinstance(c, (float, np.generic)):
         return quietly(lambda t, number: t.type(number), np.dtype(dtype), c)
-    return jax.tree.map(functools.partial(_broadcast, batch=batch), c)
-
-
-def _broadcast(limb, batch: tuple[int, ...]):
-    # A copy of NumPy's: the caller may write to his own.
-    limb = jnp.array(limb) if isinstance(limb, np.ndarray) else limb
-    return limb if limb.shape == batch else jnp.broadcast_to(limb, batch)
+    # Copies of NumPy's arrays: the caller may write to his own.
+    limbs = jax.tree.map(lambda limb: jnp.array(limb) if isinstance(limb, np.ndarray) else limb, c)
+    return jax.tree.map(lambda limb: limb if limb.shape == batch else jnp.broadcast_to(limb, batch), limbs)
 
 
 def _plain(number: float) -> float:
@@ -472,7 +446,7 @@ def _split_index(index, ndim: int, has_batch: bool) -> tuple[tuple, Any]:
 
     What is known goes with any batch: without data, of an index [..., i, j] the last is taken.
     """
-    index = index if isinstance(index, check.TUPLE) else (index,)
+    index = index if isinstance(index, tuple) else (index,)
     if not has_batch and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None:
         index = index[-1:]
     indices = [i for i in index if i is not Ellipsis]
@@ -480,12 +454,12 @@ def _split_index(index, ndim: int, has_batch: bool) -> tuple[tuple, Any]:
     if len(indices) > ndim or any(i is None for i in indices) or any(are_masks):
         return (), None
     before = next((k for k, i in enumerate(index) if i is Ellipsis), len(index))
-    batch: list[Any]
+    batch: list
     last: Any
     *batch, last = *index[:before], *[slice(None)] * (ndim - len(indices)), *index[before + 1 :]
     # An int, a slice or a list; not traced ones, nor lists beside arrays.
     if isinstance(last, _INTEGERS):
         return tuple(batch), int(last)
     is_alone = all(isinstance(i, (int, slice)) for i in batch)
-    is_list = is_alone and isinstance(last, (check.LIST, check.NUMPY)) and np.ndim(last) == 1
+    is_list = is_alone and isinstance(last, (list, check.NUMPY)) and np.ndim(last) == 1
     return tuple(batch), last if isinstance(last, slice) else np.asarray(last) if is_list else None

@@ -30,10 +30,10 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier, quotient, root
 from jaxspatial.numerics.errorfree.transforms import two_product, two_sum
 from jaxspatial.numerics.numbers import pairs
-from jaxspatial.numerics.numbers.rounded import Compared, is_known, quietly
+from jaxspatial.numerics.numbers.rounded import Number, is_known, quietly
 
 
-class Corrected(Compared):
+class Corrected(Number):
     """value + correction: arrays over the batch, or numbers known while tracing, which fold.
 
     A correction may be known to be 0 beside a value that is data; what has a known value has a known correction.
@@ -67,63 +67,44 @@ class Corrected(Compared):
     def is_known(self):
         return is_known(self.value)
 
-    def _is(self, *values: float):
-        return is_known(self.value, *values) and self.correction == 0
-
-    def _of(self, other: "Corrected | float"):
-        return other if isinstance(other, Corrected) else Corrected(self.dtype.type(other))
-
     def __neg__(self):
         return Corrected(-self.value, -self.correction)
 
     def __abs__(self):
         is_negative = self < 0
-        return Corrected(*(_negated(is_negative, limb) for limb in self.limbs))
-
-    def __add__(self, other: "Corrected | float"):
-        other = self._of(other)
-        if self._is(0):
-            return other
-        return self if other._is(0) else self._with(other, operator.add, _add)
-
-    __radd__ = __add__
-
-    def __sub__(self, other: "Corrected | float"):
-        return self + -self._of(other)
-
-    def __rsub__(self, other: "Corrected | float"):
-        return self._of(other) + -self
-
-    def __mul__(self, other):
-        if isinstance(other, Sequence):
-            return NotImplemented
-        other = self._of(other)
-        for one, x in ((self, other), (other, self)):
-            if one._is(0):
-                return Corrected(one.value * one.value)
-            if one._is(1):
-                return x
-            if one.is_known and _is_power_of_two(one):
-                return Corrected(*(quietly(operator.mul, limb, one.value) for limb in x.limbs))
-        return self._with(other, operator.mul, _multiply)
-
-    __rmul__ = __mul__
-
-    def __truediv__(self, other: "Corrected | float"):
-        other = self._of(other)
-        return self if other._is(1) or self._is(0) else self._with(other, check.truediv, _divide)
-
-    def __rtruediv__(self, other: "Corrected | float"):
-        return self._of(other) / self
+        if self.is_known:
+            return -self if is_negative else self
+        return Corrected(*(x if is_known(x) else lax.select(is_negative, -x, x) for x in self.limbs))
 
     def sqrt(self):
         return Corrected(*_square_root(_operand(self, self.value.shape)))
 
-    def _with(self, other: "Corrected", exact: Callable, of_limbs: Callable):
-        if self.is_known and other.is_known:
-            return _known(exact, self, other)
-        shape = check.broadcast_shapes(np.shape(self.value), np.shape(other.value))
-        return Corrected(*of_limbs(_operand(self, shape), _operand(other, shape)))
+    def _is(self, number: float):
+        return is_known(self.value, number) and self.correction == 0
+
+    def _operated(self, operation: Callable, other, is_reflected: bool = False):
+        """A known 0, and a factor that is known to be a power of two, leave no operation of limbs behind."""
+        if isinstance(other, Sequence):
+            return NotImplemented  # A vector, which knows its multiples itself.
+        other = other if isinstance(other, Corrected) else Corrected(self.dtype.type(other))
+        a, b = (other, self) if is_reflected else (self, other)
+        if operation is operator.sub:
+            operation, b = operator.add, -b
+        if operation is operator.add and (a._is(0) or b._is(0)):
+            return b if a._is(0) else a
+        if operation is operator.truediv and (b._is(1) or a._is(0)):
+            return a
+        for one, x in ((a, b), (b, a)) if operation is operator.mul else ():
+            if one._is(0):
+                return Corrected(one.value * one.value)
+            if one._is(1):
+                return x
+            if one.is_known and one.correction == 0 and abs(math.frexp(float(one.value))[0]) == 0.5:
+                return Corrected(*(quietly(operator.mul, limb, one.value) for limb in x.limbs))
+        if a.is_known and b.is_known:
+            return _folded(operation, a, b)
+        shape = check.broadcast_shapes(np.shape(a.value), np.shape(b.value))
+        return Corrected(*_OF_LIMBS[operation](_operand(a, shape), _operand(b, shape)))
 
     # -- decisions -----------------------------------------------------------------------------------------------------
 
@@ -133,7 +114,7 @@ class Corrected(Compared):
             return self.value
         return _rounded(self.limbs, lax.full_like(self.value, 0))[0]
 
-    def _compared(self, comparison: Callable, other: "Corrected | float"):
+    def _compared(self, comparison: Callable, other):
         return comparison((self - other)._rounded(), 0)
 
 
@@ -144,7 +125,7 @@ def _rest(exact: fractions.Fraction, value):
     return value.dtype.type(float(exact - fractions.Fraction(float(value))))
 
 
-def _known(operation: Callable, a: Corrected, b: Corrected):
+def _folded(operation: Callable, a: Corrected, b: Corrected):
     """The operation on known numbers: its value rounded, its correction from rational numbers."""
     value = quietly(operation, a.value, b.value)
     limbs = *a.limbs, *b.limbs
@@ -152,17 +133,6 @@ def _known(operation: Callable, a: Corrected, b: Corrected):
         return Corrected(value)
     exact = (sum(fractions.Fraction(float(limb)) for limb in x.limbs) for x in (a, b))
     return Corrected(value, _rest(operation(*exact), value))
-
-
-def _is_power_of_two(x: Corrected):
-    return x.correction == 0 and abs(math.frexp(float(x.value))[0]) == 0.5
-
-
-def _negated(condition, limb):
-    """-limb where the condition holds."""
-    if is_known(limb):
-        return -limb if limb and condition else limb
-    return lax.select(condition, -limb, limb)
 
 
 def _operand(x: Corrected, shape: tuple[int, ...]):
@@ -207,6 +177,9 @@ def _divide(x: pairs.Operand, y: pairs.Operand):
     # A barrier, here and below: of a constant a the compiler would add up the limbs, (c1 - e) + c2 = (c1 + c2) - e.
     rest = pairs.added(barrier((a - p) - error), c, pairs.linear(lax.mul, d, -q))
     return q, _finite(quotient(rest, b))
+
+
+_OF_LIMBS = {operator.add: _add, operator.mul: _multiply, operator.truediv: _divide}
 
 
 @pairs.as_root

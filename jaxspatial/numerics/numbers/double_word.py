@@ -20,7 +20,7 @@ from jax import lax
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.numbers import pairs
-from jaxspatial.numerics.numbers.rounded import Arithmetic, Compared
+from jaxspatial.numerics.numbers.rounded import Number
 from jaxspatial.numerics.types import DTypeLike
 
 # Of two pairs, and of a pair and a limb, by the operators that ask for them.
@@ -28,7 +28,7 @@ _OPERATIONS = {
     operator.add: (pairs.add, pairs.add_limb),
     operator.sub: (pairs.subtract, pairs.subtract_limb),
     operator.mul: (pairs.multiply, pairs.multiply_limb),
-    check.truediv: (pairs.divide, pairs.divide_limb),
+    operator.truediv: (pairs.divide, pairs.divide_limb),
 }
 # Of the quotient of what stands on the left of a pair.
 _REFLECTED = (lambda x, y: pairs.divide(y, x)), (lambda x, b: pairs.divide(with_zero(b), x))
@@ -44,7 +44,7 @@ _COMPARISONS = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class DoubleWord(Arithmetic, Compared, check.StandIn):
+class DoubleWord(Number, check.StandIn):
     """A number, or an array of them, as the unevaluated sum hi + lo: about twice the digits of its dtype.
 
         x = js.to_double_word(jnp.float32(1) / 3)
@@ -164,7 +164,7 @@ class DoubleWord(Arithmetic, Compared, check.StandIn):
         """
         return of_limbs(limb.reshape(*shape) for limb in self.limbs)
 
-    def __getitem__(self, index: Any) -> "DoubleWord":
+    def __getitem__(self, index) -> "DoubleWord":
         return of_limbs(limb[index] for limb in self.limbs)
 
     def __iter__(self) -> Iterator["DoubleWord"]:
@@ -266,7 +266,9 @@ def _limbs_of(x, dtype: DTypeLike):
     if isinstance(x, DoubleWord):
         return x.limbs
     if isinstance(x, (int, float)):
-        hi, lo = of_number(x, dtype)
+        # Of an int, which may have more than 64 bits, in two parts.
+        rounded = float(x)
+        hi, lo = of_numbers(rounded, dtype, float(x - int(rounded)) if isinstance(x, int) else 0.0)
         return (hi, lo) if lo else hi
     if isinstance(x, (np.ndarray, np.generic)) and is_floating(x) and x.dtype != jnp.result_type(x):
         return of_numbers(x, jnp.result_type(x))
@@ -285,7 +287,7 @@ def _shown(limb) -> str:
 # -- arrays and trees --------------------------------------------------------------------------------------------------
 
 
-def to_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
+def to_double_word(x, dtype: DTypeLike | None = None) -> Any:
     """Every floating-point array of a tree as a DoubleWord: state carried at twice the precision across operations.
 
         state = js.to_double_word(state)
@@ -329,7 +331,7 @@ def _as_double_word(leaf, dtype: DTypeLike | None):
     return x if dtype is None else x.astype(dtype)
 
 
-def from_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
+def from_double_word(x, dtype: DTypeLike | None = None) -> Any:
     """Every DoubleWord of a tree as one array: hi + lo, rounded once. All else stays as it is.
 
     Args:
@@ -373,7 +375,7 @@ def _is_double_word(x: object) -> typing.TypeGuard[DoubleWord]:
 # -- numbers from outside of JAX ---------------------------------------------------------------------------------------
 
 
-def of_numbers(x, dtype: DTypeLike, rest=0.0) -> tuple[Any, Any]:
+def of_numbers(x, dtype: DTypeLike, rest=0.0) -> tuple:
     """The pair nearest to x + rest as NumPy arrays, of numbers of at most 64 bits, of which JAX may know only 32."""
     x = np.asarray(x, np.float64)
     with np.errstate(all="ignore"):
@@ -384,13 +386,6 @@ def of_numbers(x, dtype: DTypeLike, rest=0.0) -> tuple[Any, Any]:
         hi = np.where(low == 0, high, high + low)
         lo = low - (hi - high)
     return hi, np.where(low == 0, low, lo)
-
-
-def of_number(x: float, dtype: DTypeLike) -> tuple[Any, Any]:
-    """The pair nearest to a Python number; of an int, which may have more than 64 bits, in two parts."""
-    rounded = float(x)
-    rest = float(x - int(rounded)) if isinstance(x, int) else 0.0
-    return of_numbers(rounded, dtype, rest)
 
 
 def is_floating(x) -> bool:

@@ -7,7 +7,6 @@ it does not, nor a sum of arrays that are zero but for one lane, which the pull-
 
 import functools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.errorfree.primitives import Rule, compiled, is_zero, no_tangent, rule, same_sharding
+from jaxspatial.numerics.errorfree.primitives import compiled, is_zero, no_tangent, rule, same_sharding
 from jaxspatial.numerics.jax_internals import Primitive, ad, batching, mlir
 from jaxspatial.numerics.numbers.rounded import is_known, uniform
 from jaxspatial.numerics.precision import Precision
@@ -71,7 +70,7 @@ def stack_like(x, components: Sequence):
     return lax.select(never, x, lax.full_like(x, -0.0)) + result
 
 
-def whole(operation: Callable, x, others: Any, precision: Precision):
+def whole(operation: Callable, x, others, precision: Precision):
     """`rounded.add` or `rounded.subtract` of x (*batch, n) and n components or an array: one operation on arrays
     where all is data, else one per component that is not known to be 0.
 
@@ -80,7 +79,7 @@ def whole(operation: Callable, x, others: Any, precision: Precision):
     """
     if isinstance(others, jax.Array) and isinstance(x, jax.Array):
         return operation(x, others, precision)
-    others = others if isinstance(others, (check.LIST, check.TUPLE)) else unstack(others)
+    others = others if isinstance(others, (list, tuple)) else unstack(others)
     if isinstance(x, check.NUMPY) or any(map(is_known, others)):
         each = [operation(a, c, precision) for a, c in zip(unstack(x), others, strict=True)]
         return stack(each, check.broadcast_shapes(x.shape[:-1], *(c.shape for c in others)))
@@ -122,21 +121,18 @@ def _batch_stack(lanes: Sequence[Array], axes: Sequence[int | None], *, axis: in
     mapped = {at for at in axes if at is not None}
     at = mapped.pop() if len(mapped) == 1 else 0
     size = next(x.shape[i] for x, i in zip(lanes, axes, strict=True) if i is not None)
-    lanes = [_batched(x, i, at, size) for x, i in zip(lanes, axes, strict=True)]
+    lanes = [
+        jnp.broadcast_to(lax.expand_dims(x, [at]), _with(x.shape, at, size)) if i is None else jnp.moveaxis(x, i, at)
+        for x, i in zip(lanes, axes, strict=True)
+    ]
     whole, moved = (axis + 1, at) if at <= axis else (axis, at + 1)
     return _stack_p.bind(*same_sharding(*lanes), axis=whole), [moved]
-
-
-def _batched(x: Array, axis: int | None, at: int, size: int) -> Array:
-    if axis is not None:
-        return jnp.moveaxis(x, axis, at)
-    return jnp.broadcast_to(lax.expand_dims(x, [at]), _with(x.shape, at, size))
 
 
 def _transposed_unstack(cotangents: Sequence, x, *, axis: int) -> list:
     if all(map(is_zero, cotangents)):
         return [no_tangent(x.aval)]
-    return [stacked([_instantiated(c) for c in cotangents], axis)]
+    return [stacked([ad.instantiate_zeros(c) for c in cotangents], axis)]
 
 
 def _transposed_stack(cotangents: Sequence, *lanes, axis: int) -> list:
@@ -144,20 +140,12 @@ def _transposed_stack(cotangents: Sequence, *lanes, axis: int) -> list:
     return [None] * len(lanes) if is_zero(cotangent) else _unstack_p.bind(cotangent, axis=axis)
 
 
-def _instantiated(tangent) -> Array:
-    return jnp.zeros(tangent.aval.shape, tangent.aval.dtype) if is_zero(tangent) else tangent
-
-
-def _linear(name: str, abstract: Rule, lowered: Rule, transposed: Rule, batched: Rule):
+def _linear(name: str, abstract: Callable, lowered: Callable, transposed: Callable, batched: Callable):
     primitive = Primitive(f"jaxspatial_{name}")
     primitive.multiple_results = True
     primitive.def_abstract_eval(abstract)
     program = functools.cache(functools.partial(compiled, primitive))
-
-    def call(*arrays: Array, axis: int):
-        return program(axis=axis)(*arrays)
-
-    primitive.def_impl(call)
+    primitive.def_impl(lambda *arrays, axis: program(axis=axis)(*arrays))
     mlir.register_lowering(primitive, rule(lowered))
     ad.primitive_jvps[primitive] = functools.partial(_moved, primitive)
     ad.primitive_transposes[primitive] = transposed
@@ -170,7 +158,7 @@ def _moved(primitive, primals: Sequence[Array], tangents: Sequence, *, axis: int
     results = primitive.bind(*primals, axis=axis)
     if all(map(is_zero, tangents)):
         return results, [no_tangent(x) for x in results]
-    return results, primitive.bind(*same_sharding(*map(_instantiated, tangents)), axis=axis)
+    return results, primitive.bind(*same_sharding(*map(ad.instantiate_zeros, tangents)), axis=axis)
 
 
 _unstack_p = _linear(

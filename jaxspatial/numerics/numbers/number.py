@@ -3,8 +3,7 @@
 import functools
 import operator
 from collections.abc import Callable, Iterable, Sequence
-from fractions import Fraction
-from typing import Any, Protocol, Self, TypeGuard, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -18,78 +17,17 @@ from jaxspatial.numerics.jax_internals import jaxpr_as_fun
 from jaxspatial.numerics.numbers.corrected import Corrected
 from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.numbers.polynomial import Polynomial
+from jaxspatial.numerics.numbers.rounded import Number as Number
 from jaxspatial.numerics.numbers.rounded import Rounded, is_known, quietly
-
-
-class Number(Protocol):
-    """A number that formulas are written over: an array over the batch, however many digits it has, or a known number.
-
-    Beside it, on either side of an operation, may stand another of its kind or a Python number.
-    """
-
-    @property
-    def dtype(self) -> np.dtype: ...
-
-    @property
-    def limbs(self) -> tuple:
-        """What it is the sum of: arrays, or numbers known while tracing."""
-        ...
-
-    def with_limbs(self, limbs: Iterable, /) -> Self:
-        """A number of this kind."""
-        ...
-
-    def _constant(self, number: float | Fraction, /) -> Self:
-        """The number of this kind nearest to a Fraction or Python number."""
-        ...
-
-    def _of_limb(self, limb, /) -> Self:
-        """A number of this kind that is one limb."""
-        ...
-
-    def _rounded(self) -> jax.Array:
-        """The number as one limb, up to rounding."""
-        ...
-
-    def __neg__(self) -> Self: ...
-
-    def __abs__(self) -> Self: ...
-
-    def __add__(self, other: Self | float, /) -> Self: ...
-
-    def __radd__(self, other: Self | float, /) -> Self: ...
-
-    def __sub__(self, other: Self | float, /) -> Self: ...
-
-    def __rsub__(self, other: Self | float, /) -> Self: ...
-
-    def __mul__(self, other: Self | float, /) -> Self: ...
-
-    def __rmul__(self, other: Self | float, /) -> Self: ...
-
-    def __truediv__(self, other: Self | float, /) -> Self: ...
-
-    def __rtruediv__(self, other: Self | float, /) -> Self: ...
-
-    def __lt__(self, other: Self | float, /) -> jax.Array: ...
-
-    def __le__(self, other: Self | float, /) -> jax.Array: ...
-
-    def __gt__(self, other: Self | float, /) -> jax.Array: ...
-
-    def __ge__(self, other: Self | float, /) -> jax.Array: ...
-
-    def sqrt(self) -> Self: ...
-
 
 Numbers = Sequence[Number]
 Mask = jax.Array  # (*batch,): what comparisons answer
 
 T = TypeVar("T")
-_KINDS: tuple[type[Number], ...] = (Rounded, Corrected, DoubleWord)
+N = TypeVar("N", bound=Number)
 
 
-def constant(like: Number, number) -> Number:
+def constant(like: N, number) -> N:
     """The number nearest to a Fraction or Python number, of the kind of another."""
     return like._constant(number)
 
@@ -142,12 +80,11 @@ def frozen(x: Number) -> Number:
 def times_power_of_two(x: Number, e) -> Number:
     """x 2^e for integers e (*batch,), exactly but for underflow."""
 
-    def times(limb):
-        if is_known(limb) and isinstance(e, np.integer):
-            return quietly(np.ldexp, limb, e)
-        return limb if is_known(limb, 0) else scaling.times_power_of_two(jnp.asarray(limb), e)
-
-    return x.with_limbs(map(times, x.limbs))
+    if is_constant(x) and isinstance(e, np.integer):
+        return x.with_limbs(quietly(np.ldexp, limb, e) for limb in x.limbs)
+    return x.with_limbs(
+        limb if is_known(limb, 0) else scaling.times_power_of_two(jnp.asarray(limb), e) for limb in x.limbs
+    )
 
 
 def doubled(x: Number, times: int = 1) -> Number:
@@ -155,7 +92,7 @@ def doubled(x: Number, times: int = 1) -> Number:
     return x.with_limbs(quietly(operator.mul, limb, limb.dtype.type(2.0**times)) for limb in x.limbs)
 
 
-def halved(x: Any) -> Any:
+def halved(x) -> Any:
     """x / 2, exactly but for underflow. Of a whole sum before it is rounded: what overflows twice as large is right."""
     return x.halved() if isinstance(x, Polynomial) else doubled(x, -1)
 
@@ -196,7 +133,7 @@ def noinline(function: Callable[..., T]) -> Callable[..., T]:
     return wrapped
 
 
-def where_any(mask: Mask, function: Callable[..., T], *arguments: Any) -> T:
+def where_any(mask: Mask, function: Callable[..., T], *arguments) -> T:
     """The function of trees of numbers (n, B) in states in which the mask (m, B) has any true; zeros in others.
 
     Where no state has any, nothing is computed: in machine code of our own that is asked for a few states at a time.
@@ -228,12 +165,12 @@ def _on_data(
 
 def is_number(x: object) -> TypeGuard[Number]:
     """True for a number of any kind but a polynomial."""
-    return isinstance(x, _KINDS)
+    return isinstance(x, Number)
 
 
 def is_constant(x: object) -> TypeGuard[Rounded | Corrected]:
     """True for a number that is known while tracing."""
-    return isinstance(x, _KINDS) and isinstance(x.limbs[0], np.generic)
+    return isinstance(x, Number) and isinstance(x.limbs[0], np.generic)
 
 
 def data_of(tree) -> list[jax.Array]:

@@ -35,7 +35,7 @@ from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero, zero_from_primal  # pyright: ignore[reportUnknownVariableType]: no stub
 from jax.typing import DTypeLike
 
-from jaxspatial.numerics.check import TUPLE, finfo
+from jaxspatial.numerics.check import finfo
 from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient, root
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_product, two_sum
 
@@ -61,7 +61,7 @@ def differentiable(tangent: TangentRule):
 
         def jvp(operands: Sequence, tangents: Sequence):
             hi, lo = call(*operands)
-            values = [x[0] + x[1] if isinstance(x, TUPLE) else x for x in operands]
+            values = [x[0] + x[1] if isinstance(x, tuple) else x for x in operands]
             of_limbs = ([None if isinstance(t, SymbolicZero) else t for t in jax.tree.leaves(x)] for x in tangents)
             d_hi = tangent(hi + lo, values, [added(*x) for x in of_limbs])
             return (hi, lo), (jnp.zeros_like(hi) if d_hi is None else d_hi, zero_from_primal(lo, symbolic_zeros=True))
@@ -252,9 +252,7 @@ def convert(x: Pair, dtype: DTypeLike):
 
 @functools.cache
 def _conversion(dtype: np.dtype):
-    def tangent(result: Array, operands: Sequence[Array], tangents: Sequence[Tangent]):
-        return linear(lax.convert_element_type, tangents[0], dtype)
-
+    @differentiable(lambda _, __, tangents: linear(lax.convert_element_type, tangents[0], dtype))
     def converted(x: Pair):
         wide = narrowest(x[0].dtype, dtype)
         hi, lo = (lax.convert_element_type(limb, wide) for limb in x)
@@ -264,7 +262,7 @@ def _conversion(dtype: np.dtype):
         low = (s - lax.convert_element_type(high, wide)) + error
         return _finished(high, high, lax.convert_element_type(low, dtype))
 
-    return differentiable(tangent)(converted)
+    return converted
 
 
 def narrowest(a: np.dtype, b: np.dtype) -> np.dtype:

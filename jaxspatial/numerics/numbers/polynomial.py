@@ -79,13 +79,9 @@ class Quotient(NamedTuple):
 def symbols(arrays: Sequence, parts: Sequence[int]) -> tuple[Polynomial, ...]:
     """A vector of polynomials for the array that is the sum of arrays[j] for j in parts: one, or the two of a double
     word."""
-    known = arrays[parts[0]] if len(parts) == 1 else None
-    return tuple(_component(known, parts, k) for k in range(arrays[parts[0]].shape[-1]))
-
-
-def _component(known, parts: Sequence[int], k: int) -> Polynomial:
-    value = uniform(known[..., k]) if isinstance(known, check.NUMPY) else None
-    if value == 0:
-        return Polynomial()
-    terms = tuple(Term(1, ((j, k),)) for j in parts)
-    return Polynomial(terms, int(value) if value in (1, -1) else None)
+    array, components = arrays[parts[0]], list[Polynomial]()
+    for k in range(array.shape[-1]):
+        value = uniform(array[..., k]) if len(parts) == 1 and isinstance(array, check.NUMPY) else None
+        terms = () if value == 0 else tuple(Term(1, ((j, k),)) for j in parts)
+        components.append(Polynomial(terms, int(value) if value in (1, -1) else None))
+    return tuple(components)

@@ -9,7 +9,7 @@ import contextlib
 import operator
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import jax
 import jax.numpy as jnp
@@ -32,7 +32,7 @@ _COMPARISONS = {operator.lt: lax.lt, operator.le: lax.le, operator.gt: lax.gt, o
 # Its stub knows no operators.
 _KNOWN: type[Any] = np.generic
 _NO_ARRAYS: Any = (np.generic, check.StandIn)
-_Other = check.StandIn | jax.typing.ArrayLike  # beside a number in an operation
+_Other = check.StandIn | jax.typing.ArrayLike  # beside a number; vectors know their multiples
 # Factors that leave no product behind.
 _UNITS = 0, 1, -1
 
@@ -100,24 +100,23 @@ def divide(a, b, _: Precision):
         return a
     a, b = broadcast(a, b)
     if isinstance(a, _NO_ARRAYS) or isinstance(b, _NO_ARRAYS):
-        return quietly(check.truediv, a, b)
+        return quietly(operator.truediv, a, b)
     return quotient(a, b)
 
 
 def _with_known(operation: Callable, a, b, precision: Precision):
     """The operation where a number is known while tracing, or something stands for an array."""
-    if _is_known_beside_array(a, b):
-        return _OF_ARRAYS[precision][operation](*_of_one_dtype(a, b))
+    if beside := _beside_array(a, b):
+        return _OF_ARRAYS[precision][operation](*beside)
     return quietly(operation, *broadcast(a, b))
 
 
-def _is_known_beside_array(a, b) -> bool:
-    return isinstance(b, Array) if isinstance(a, np.generic) else isinstance(b, np.generic) and isinstance(a, Array)
-
-
-def _of_one_dtype(a, b) -> tuple[Any, Any]:
-    """An array, and a known number as it is: repeated for all of the array, it would be one more operation to trace."""
-    return (b.dtype.type(a), b) if isinstance(a, np.generic) else (a, a.dtype.type(b))
+def _beside_array(a, b) -> tuple | None:
+    """An array and a known number in one dtype, None for others. The number stays one: repeated for all of the array,
+    it would be one more operation to trace."""
+    if isinstance(a, np.generic):
+        return (b.dtype.type(a), b) if isinstance(b, Array) else None
+    return (a, a.dtype.type(b)) if isinstance(b, np.generic) and isinstance(a, Array) else None
 
 
 def quietly(operation: Callable, a, b):
@@ -126,7 +125,7 @@ def quietly(operation: Callable, a, b):
         return operation(a, b)
 
 
-def broadcast(a, b) -> tuple[Any, Any]:
+def broadcast(a, b) -> tuple:
     """a and b over one shape; a known number beside an array made an array. A double word broadcasts itself."""
     is_known_a, is_known_b = isinstance(a, np.generic), isinstance(b, np.generic)
     if (is_known_a and is_known_b) or isinstance(a, check.StandIn) or isinstance(b, check.StandIn):
@@ -157,34 +156,69 @@ class Arithmetic:
         """operation(self, other), of one of `operator`; operation(other, self) if reflected. Or NotImplemented."""
         raise NotImplementedError
 
-    def __add__(self, other: _Other) -> Self:
+    def __add__(self, other: "Arithmetic | _Other") -> Self:
         return self._operated(operator.add, other)
 
     __radd__ = __add__
 
-    def __sub__(self, other: _Other) -> Self:
+    def __sub__(self, other: "Arithmetic | _Other") -> Self:
         return self._operated(operator.sub, other)
 
-    def __rsub__(self, other: _Other) -> Self:
+    def __rsub__(self, other: "Arithmetic | _Other") -> Self:
         return self._operated(operator.sub, other, is_reflected=True)
 
-    def __mul__(self, other: _Other) -> Self:
+    def __mul__(self, other: "Arithmetic | _Other") -> Self:
         return self._operated(operator.mul, other)
 
     __rmul__ = __mul__
 
-    def __truediv__(self, other: _Other) -> Self:
-        return self._operated(check.truediv, other)
+    def __truediv__(self, other: "Arithmetic | _Other") -> Self:
+        return self._operated(operator.truediv, other)
 
-    def __rtruediv__(self, other: _Other) -> Self:
-        return self._operated(check.truediv, other, is_reflected=True)
+    def __rtruediv__(self, other: "Arithmetic | _Other") -> Self:
+        return self._operated(operator.truediv, other, is_reflected=True)
 
 
-class Compared:
-    """Base of kinds of which all comparisons are made in one way."""
+class Number(Arithmetic):
+    """What formulas are written over: an array over the batch, however many digits it has, or a known number.
 
-    def _compared(self, comparison: Callable, other):
-        """What the comparison, one of arrays, answers for this and the other."""
+    Beside it, on either side of an operation, may stand another of its kind or a Python number.
+    """
+
+    if TYPE_CHECKING:
+        # What each kind has, beside operators.
+        @property
+        def dtype(self) -> np.dtype: ...
+
+        @property
+        def limbs(self) -> tuple:
+            """What it is the sum of: arrays, or numbers known while tracing."""
+            ...
+
+        def with_limbs(self, limbs: Iterable, /) -> Self:
+            """A number of this kind."""
+            ...
+
+        def _constant(self, number: float | Fraction, /) -> Self:
+            """The number of this kind nearest to a Fraction or Python number."""
+            ...
+
+        def _of_limb(self, limb, /) -> Self:
+            """A number of this kind that is one limb."""
+            ...
+
+        def _rounded(self) -> jax.Array:
+            """The number as one limb, up to rounding."""
+            ...
+
+        def __neg__(self) -> Self: ...
+
+        def __abs__(self) -> Self: ...
+
+        def sqrt(self) -> Self: ...
+
+    def _compared(self, comparison: Callable, other) -> jax.Array:
+        """What a comparison, one of `operator`, answers for this and the other."""
         raise NotImplementedError
 
     def __lt__(self, other) -> jax.Array:
@@ -200,23 +234,10 @@ class Compared:
         return self._compared(operator.ge, other)
 
 
-def _operator(operation: Callable) -> Callable:
-    """The operator of Rounded for an operation on operands. An operand that comes back as it went in is its number."""
-
-    def with_other(self: "Rounded", other):
-        if not isinstance(other, Rounded):
-            if isinstance(other, Sequence):
-                return NotImplemented  # A vector, which knows its multiples itself.
-            other = self._constant(other)
-        result = operation(self.operand, other.operand, self.precision)
-        if result is self.operand:
-            return self
-        return other if result is other.operand else Rounded(self.precision, result)
-
-    return with_other
+_OPERATIONS = {operator.add: add, operator.sub: subtract, operator.mul: multiply, operator.truediv: divide}
 
 
-class Rounded(Compared):
+class Rounded(Number):
     """An array over the batch, or a number known while tracing, whose operations are rounded as the precision says.
 
     JAX takes it for a tree of one array, or of one known number.
@@ -251,16 +272,17 @@ class Rounded(Compared):
     def _rounded(self) -> jax.Array:
         return self.value
 
-    __add__ = __radd__ = _operator(add)
-    __sub__ = _operator(subtract)
-    __mul__ = __rmul__ = _operator(multiply)
-    __truediv__ = _operator(divide)
-
-    def __rsub__(self, other) -> "Rounded":
-        return self._constant(other) - self
-
-    def __rtruediv__(self, other) -> "Rounded":
-        return self._constant(other) / self
+    def _operated(self, operation: Callable, other, is_reflected: bool = False):
+        if not isinstance(other, Rounded):
+            if isinstance(other, Sequence):
+                return NotImplemented  # A vector, which knows its multiples itself.
+            other = self._constant(other)
+        a, b = (other, self) if is_reflected else (self, other)
+        result = _OPERATIONS[operation](a.operand, b.operand, self.precision)
+        # An operand that comes back as it went in is its number.
+        if result is a.operand:
+            return a
+        return b if result is b.operand else Rounded(self.precision, result)
 
     def __neg__(self) -> "Rounded":
         return Rounded(self.precision, _negative(self.operand))
@@ -271,8 +293,8 @@ class Rounded(Compared):
     def _compared(self, comparison: Callable, other: "Rounded | float"):
         other = other if isinstance(other, Rounded) else self._constant(other)
         a, b = self.operand, other.operand
-        if _is_known_beside_array(a, b):
-            return _COMPARISONS[comparison](*_of_one_dtype(a, b))
+        if beside := _beside_array(a, b):
+            return _COMPARISONS[comparison](*beside)
         a, b = broadcast(a, b)
         of_arrays = isinstance(a, Array) and isinstance(b, Array)
         return _COMPARISONS[comparison](a, b) if of_arrays else comparison(a, b)

@@ -38,18 +38,14 @@ def with_zeros(states: Sequence[State]) -> list[State]:
 
 def multiplied(state: State, share: float) -> State:
     """The state of the sum times a power of two."""
-
-    def times(x: jax.Array) -> jax.Array:
-        return x * lax.full_like(x, share)
-
-    return jax.tree.map(times, state)
+    return jax.tree.map(lambda x: x * lax.full_like(x, share), state)
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class Trial:
     """How sums of single items are taken and rounded to one limb; NaN may say that it takes more than that."""
 
-    total: Callable[[Terms], State]  # the state of the sum of terms
+    state_of: Callable[[Terms], State]  # the state of the sum of terms
     plus: Callable[[State, int, jax.Array], State]  # with one more term, which may be a constant
     round: Callable[[State, DTypeLike], jax.Array]
     padded: Callable[[Sequence[State]], list[State]] = with_zeros
@@ -69,7 +65,7 @@ class Accumulator(Trial):
 # of a sum is one array.
 
 
-def _total(terms: Terms) -> Limbs:
+def _state_of(terms: Terms) -> Limbs:
     """The sum of terms (sign, factors), factors arrays of float64. Error <= 2^-53 times their number, times mag."""
     products = ((sign, functools.reduce(lax.mul, factors)) for sign, factors in terms)
     return (functools.reduce(operator.add, (p if sign > 0 else -p for sign, p in products)),)
@@ -94,7 +90,7 @@ def _pair(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
 
 
 WIDE = Accumulator(
-    total=_total,
+    state_of=_state_of,
     plus=_plus,
     round=_round,
     pair=_pair,

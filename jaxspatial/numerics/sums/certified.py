@@ -22,13 +22,13 @@ from jaxspatial.numerics.errorfree.barrier import widened
 from jaxspatial.numerics.errorfree.primitives import choice
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_sum, unguarded
 from jaxspatial.numerics.sums.accumulator import Accumulator, Limbs, OverBatch, Terms
-from jaxspatial.numerics.sums.compensated import parts, parts_of_narrow, sum_like, vec_sum
+from jaxspatial.numerics.sums.compensated import product_parts, product_parts_of_narrow, sum_like, vec_sum
 
 # d is a sum of at most 2^10 numbers: its error is at most 2^-43 size, and what is allowed is 2^-56 |r|.
 _ENOUGH = 2.0**-13
 
 
-def _total(terms: Terms, of: Callable[..., list[Array]] = parts) -> Limbs:
+def _state_of(terms: Terms, of: Callable[..., list[Array]] = product_parts) -> Limbs:
     products = [of(sign, factors) for sign, factors in terms]
     s, errors = vec_sum([p[0] for p in products])
     lower = errors + [x for p in products for x in p[1:]]
@@ -88,14 +88,11 @@ def swept(numbers: Sequence[Array], two_sum: Callable[..., tuple[Array, Array]] 
 def over_batch(numbers: Sequence[Array], finished: Callable[[Array], Array]) -> OverBatch:
     """Of items, each given as numbers in increasing order; `finished`: what becomes of each limb of the result."""
 
-    def pair_result(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
+    def finished_pair(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
         hi, lo = pair(state, dtype)
         return finished(hi), finished(lo)
 
-    def sum_result(state: Limbs, dtype: DTypeLike) -> Array:
-        return finished(rounded(state, dtype))
-
-    return OverBatch(from_numbers(numbers), _merge, sum_result, pair_result)
+    return OverBatch(from_numbers(numbers), _merge, lambda state, dtype: finished(rounded(state, dtype)), finished_pair)
 
 
 def _merge(a: Limbs, b: Limbs) -> Limbs:
@@ -127,5 +124,5 @@ def _over_batch(state: Limbs, _) -> OverBatch:
     return over_batch(state[2::-1], lambda x: lax.select(lax.is_finite(x), x, choice(math.nan, x.shape, x.dtype)))
 
 
-CERTIFIED = Accumulator(total=_total, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
-CERTIFIED_OF_NARROW = dataclasses.replace(CERTIFIED, total=functools.partial(_total, of=parts_of_narrow))
+CERTIFIED = Accumulator(state_of=_state_of, plus=_plus, round=_round, pair=_pair, over_batch=_over_batch)
+CERTIFIED_OF_NARROW = dataclasses.replace(CERTIFIED, state_of=functools.partial(_state_of, of=product_parts_of_narrow))

@@ -21,7 +21,7 @@ from jaxspatial.numerics.sums.accumulator import Accumulator, Limbs, OverBatch, 
 from jaxspatial.numerics.sums.pairwise import of_neighbours
 
 
-def _total(terms: Terms) -> Limbs:
+def _state_of(terms: Terms) -> Limbs:
     pairs = [signed_product(sign, factors) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     return s, sum_like(s, errors), sum_like(s, [e for _, e in pairs if e is not None])
@@ -41,7 +41,7 @@ def signed_product(sign: int, factors: Sequence[Array]) -> tuple[Array, Array | 
     return (p, e) if sign > 0 else (-p, None if e is None else -e)
 
 
-def parts(sign: int, factors: Sequence[Array]) -> list[Array]:
+def product_parts(sign: int, factors: Sequence[Array]) -> list[Array]:
     """The product as one number for each doubling of its digits, exactly their sum: pairs (large, small) in a row."""
     first, *others = factors
     result = [first if others else opaque(first)]
@@ -51,9 +51,9 @@ def parts(sign: int, factors: Sequence[Array]) -> list[Array]:
     return result if sign > 0 else [-x for x in result]
 
 
-def parts_of_narrow(sign: int, factors: Sequence[Array]) -> list[Array]:
-    """As `parts`, for up to six factors of at most half the digits: products of two are exact, and none overflows."""
-    return parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)])
+def product_parts_of_narrow(sign: int, factors: Sequence[Array]) -> list[Array]:
+    """As `product_parts`, of up to six factors of half the digits: products of two are exact, none overflows."""
+    return product_parts(sign, [functools.reduce(operator.mul, factors[i : i + 2]) for i in range(0, len(factors), 2)])
 
 
 def vec_sum(numbers: list[Array]) -> tuple[Array, list[Array]]:
@@ -108,10 +108,10 @@ def _pair(state: Limbs, dtype: DTypeLike) -> tuple[Array, Array]:
 
 
 COMPENSATED = Accumulator(
-    total=_total,
+    state_of=_state_of,
     plus=_plus,
     round=_round,
     pair=_pair,
     over_batch=lambda state, _: OverBatch(state, _merge, _round, _pair),
 )
-SINGLE = dataclasses.replace(COMPENSATED, total=_single)
+SINGLE = dataclasses.replace(COMPENSATED, state_of=_single)

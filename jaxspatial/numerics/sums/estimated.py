@@ -33,15 +33,15 @@ class State(NamedTuple):
     size: Array
 
 
-def _total(terms: Terms) -> State:
+def _state_of(terms: Terms) -> State:
     pairs = [signed_product(sign, factors) for sign, factors in terms]
     s, errors = vec_sum([p for p, _ in pairs])
     # Those of products first: where products cancel exactly, so do they.
     return State(s, *_summed(s, [e for _, e in pairs if e is not None] + errors))
 
 
-def _total_of_narrow(terms: Terms) -> State:
-    """As `_total`, for at most two factors of at most half the digits."""
+def _state_of_narrow(terms: Terms) -> State:
+    """As `_state_of`, for at most two factors of at most half the digits."""
     products = [functools.reduce(operator.mul, factors) for _, factors in terms]
     signed = [p if sign > 0 else -p for (sign, _), p in zip(terms, products, strict=True)]
     s, size = _summed(products[0], signed)
@@ -79,5 +79,5 @@ def _round(state: State, dtype: DTypeLike) -> Array:
     return lax.convert_element_type(lax.select(is_certain, r, choice(math.nan, r.shape, r.dtype)), dtype)
 
 
-ESTIMATED = Trial(total=_total, plus=_plus, round=_round)
-ESTIMATED_OF_NARROW = dataclasses.replace(ESTIMATED, total=_total_of_narrow)
+ESTIMATED = Trial(state_of=_state_of, plus=_plus, round=_round)
+ESTIMATED_OF_NARROW = dataclasses.replace(ESTIMATED, state_of=_state_of_narrow)

@@ -6,7 +6,7 @@ the whole array: that ties the result to its layout, and lets it take its place 
 """
 
 import functools
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import jax
@@ -168,7 +168,8 @@ class _Evaluation:
         if not s.reduced:
             is_single = self.accumulator is COMPENSATED and _is_single(self.plan, s)
             return self._of_items(s, SINGLE if is_single else self.accumulator)
-        results = [self._over_batch(s, *component) for component in zip(s.components, _shares(s), strict=True)]
+        shares = s.shares or [1] * len(s.components)
+        results = [self._over_batch(s, *component) for component in zip(s.components, shares, strict=True)]
         limbs = ([x if x is None else x[i] for x in results] for i in range(1 + self.plan.is_pair))
         return [picked(self.plan.axis, components) for components in limbs]
 
@@ -176,7 +177,7 @@ class _Evaluation:
         """One component, summed over axes of the batch by halving: a result of size 1 along these."""
         if not terms:
             return None
-        items = self.accumulator.over_batch(self._total(self.accumulator, terms, share), s.reduced)
+        items = self.accumulator.over_batch(self._state_of(self.accumulator, terms, share), s.reduced)
         limbs = items.limbs
         for axis in s.reduced:
             limbs = by_halving(items.merge, limbs, axis)
@@ -185,11 +186,11 @@ class _Evaluation:
     def _of_items(self, s: Sum, accumulator) -> Sequence[Array]:
         whole, rest = self._separated(s)
         states = [
-            self._total(accumulator, terms, share) if terms else None
-            for terms, share in zip(rest, _shares(s), strict=True)
+            self._state_of(accumulator, terms, share) if terms else None
+            for terms, share in zip(rest, s.shares or [1] * len(rest), strict=True)
         ]
         if all(state is None for state in states):
-            state = accumulator.total([(sign, [self._entered(self.arrays[j])]) for sign, j in whole])
+            state = accumulator.state_of([(sign, [self._entered(self.arrays[j])]) for sign, j in whole])
         else:
             state = jax.tree.map(lambda *lanes: picked(self.plan.axis, lanes), *accumulator.padded(states))
             for sign, j in whole:
@@ -204,9 +205,9 @@ class _Evaluation:
         # Beside an infinity inf - inf, whose sum with it is NaN.
         return high, lax.select(lax.is_finite(high), low, lax.full_like(low, 0))
 
-    def _total(self, accumulator, terms: Sequence[Term], share: float):
+    def _state_of(self, accumulator, terms: Sequence[Term], share: float):
         """The state of one component."""
-        state = accumulator.total([(t.sign, [self._lane(*f) for f in t.factors]) for t in terms])
+        state = accumulator.state_of([(t.sign, [self._lane(*f) for f in t.factors]) for t in terms])
         return state if share == 1 else accumulator.times_power_of_two(state, share)
 
     def _lane(self, j: int, k: int) -> Array:
@@ -220,31 +221,21 @@ class _Evaluation:
     def _entered(self, x: Array) -> Array:
         return lax.convert_element_type(self._opaque(x), np.float64)
 
-    def _separated(self, s: Sum) -> tuple[list[tuple[Any, int]], list[Sequence[Term]]]:
+    def _separated(self, s: Sum) -> tuple[list[tuple[Any, int]], list[list[Term]]]:
         """((sign, j) for every array j that is a term just as it stands, the other terms of each component)."""
         if s.shares:
-            return [], list(s.components)
+            return [], list(map(list, s.components))
         first = [t for t in s.components[0] if len(t.factors) == 1 and t.factors[0][1] == 0]
         whole: list[tuple[Any, int]] = []
         for sign, ((j, _),) in first:
             same = all(Term(sign, ((j, k),)) in terms for k, terms in enumerate(s.components))
             if same and self.arrays[j].shape == self.plan.shape(s) and (sign, j) not in whole:
                 whole.append((sign, j))
-        taken = [{Term(sign, ((j, k),)) for sign, j in whole} for k in range(len(s.components))]
-        return whole, [_without(terms, t) for terms, t in zip(s.components, taken, strict=True)]
-
-
-def _shares(s: Sum) -> Sequence[float]:
-    """By which power of two each component of a Sum is multiplied."""
-    return s.shares or [1] * len(s.components)
-
-
-def _without(terms: Sequence[Term], taken: Iterable[Term]) -> list[Term]:
-    """The terms but for one of each of those taken."""
-    rest = list(terms)
-    for t in taken:
-        rest.remove(t)
-    return rest
+        rest = list(map(list, s.components))
+        for sign, j in whole:
+            for k, terms in enumerate(rest):
+                terms.remove(Term(sign, ((j, k),)))
+        return whole, rest
 
 
 def is_simple(plan: Plan, s: Sum, arrays: Sequence[Array]) -> bool:

@@ -23,7 +23,7 @@ from jaxspatial.numerics.errorfree.barrier import opaque
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_difference, two_sum, unguarded
 from jaxspatial.numerics.sums import certified
 from jaxspatial.numerics.sums.accumulator import Accumulator, OverBatch, Terms, multiplied
-from jaxspatial.numerics.sums.compensated import parts, parts_of_narrow
+from jaxspatial.numerics.sums.compensated import product_parts, product_parts_of_narrow
 from jaxspatial.numerics.sums.pairwise import of_neighbours
 
 # A sum of 2^20 products below 2^1000 is finite, and so is 2^2048 scaled by 2^-540 twice.
@@ -41,14 +41,14 @@ class State(NamedTuple):
     unit: Array | None = None
 
 
-def _total(terms: Terms) -> State:
+def _state_of(terms: Terms) -> State:
     """The state of the sum of terms (sign, factors), products of two of which may overflow."""
     is_long = _is_long(terms, 1)
     # Terms of so many factors may overflow. Of two numbers no sum does but that of all; of three one may on the way.
     scalable = {2, 1} if sum(len(factors) == 1 for _, factors in terms) > 2 else {2}
     terms = _grouped(terms) if is_long else terms
     can = [len(factors) in scalable for _, factors in terms]
-    products = [parts(sign, factors) for sign, factors in terms]
+    products = [product_parts(sign, factors) for sign, factors in terms]
     plain = _plain(products, is_long)
     large = [_is_large(p[0]) & c for p, c in zip(products, can, strict=True)]
     scaled = [
@@ -62,10 +62,10 @@ def _total(terms: Terms) -> State:
     return State(_expansion(chosen, is_long), plain, unit)
 
 
-def _total_of_narrow(terms: Terms) -> State:
+def _state_of_narrow(terms: Terms) -> State:
     """The state of the sum of terms (sign, factors), factors of at most half the digits: no product overflows."""
     is_long = _is_long(terms, 2)
-    products = [parts_of_narrow(sign, factors) for sign, factors in (_grouped(terms) if is_long else terms)]
+    products = [product_parts_of_narrow(sign, factors) for sign, factors in (_grouped(terms) if is_long else terms)]
     return State(_expansion(products, is_long), _plain(products, is_long))
 
 
@@ -86,7 +86,7 @@ def _scaled_parts(unscaled: Sequence[Array], sign: int, factors: Sequence[Array]
     Hidden: of `(a c) (b c)` and `(x c) c` for a constant c XLA makes `(a b) (c c)` and `x (c c)`, on single items.
     """
     if len(factors) == 2:
-        return parts(sign, [opaque(x * scale) for x in factors])
+        return product_parts(sign, [opaque(x * scale) for x in factors])
     return [opaque(x * scale) * scale for x in unscaled]
 
 
@@ -224,7 +224,7 @@ def _unscaled(x: Array, unit: Array | None) -> Array:
 
 
 FAITHFUL = Accumulator(
-    total=_total,
+    state_of=_state_of,
     plus=_plus,
     round=_round,
     pair=_pair,
@@ -232,4 +232,4 @@ FAITHFUL = Accumulator(
     padded=_padded,
     times_power_of_two=lambda state, share: State(*multiplied(state[:2], share), unit=state.unit),
 )
-FAITHFUL_OF_NARROW = dataclasses.replace(FAITHFUL, total=_total_of_narrow)
+FAITHFUL_OF_NARROW = dataclasses.replace(FAITHFUL, state_of=_state_of_narrow)

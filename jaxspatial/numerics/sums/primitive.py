@@ -6,7 +6,7 @@ cotangent that many terms contribute to is rounded once, over a batch that share
 """
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -33,25 +33,18 @@ def bind_nonzero(plan: Plan, sums: Sequence[Sum], arrays: Sequence[Array]) -> li
 
     Arrays have the components on the plan's axis, and on each axis of the batch its size or 1.
     """
-    nonzero = [i for i, s in enumerate(sums) if any(s.components)]
+    nonzero = [s for s in sums if any(s.components)]
     if not nonzero:
         return [None] * len(sums)
-    results = _bind(plan._replace(sums=tuple(sums[i] for i in nonzero)), arrays)
-    width = 1 + plan.is_pair
-    by_sum = {i: results[width * place : width * (place + 1)] for place, i in enumerate(nonzero)}
-    return [by_sum.get(i) for i in range(len(sums))]
-
-
-def _bind(plan: Plan, arrays: Sequence[Array]) -> list[Array]:
-    """All Sums of the plan, with the arrays that they use."""
-    used = sorted({j for s in plan.sums for terms in s.components for t in terms for j, _ in t.factors})
-    places = {j: i for i, j in enumerate(used)}
-    sums: list[Sum] = []
-    for s in plan.sums:
+    # Of the arrays, those that are used.
+    used = sorted({j for s in nonzero for terms in s.components for t in terms for j, _ in t.factors})
+    places, renumbered = {j: i for i, j in enumerate(used)}, list[Sum]()
+    for s in nonzero:
         components = [[Term(sign, tuple((places[j], k) for j, k in f)) for sign, f in terms] for terms in s.components]
-        sums.append(s._replace(components=tuple(map(tuple, components))))
+        renumbered.append(s._replace(components=tuple(map(tuple, components))))
     arrays = same_sharding(*(arrays[j] for j in used), components=plan.axis)
-    return sums_p.bind(*arrays, plan=plan._replace(sums=tuple(sums)))
+    results = iter(sums_p.bind(*arrays, plan=plan._replace(sums=tuple(renumbered))))
+    return [[next(results) for _ in range(1 + plan.is_pair)] if any(s.components) else None for s in sums]
 
 
 def _abstract(*arrays, plan: Plan) -> list:
@@ -161,15 +154,11 @@ def _traced(arrays: tuple, plan: Plan) -> ClosedJaxpr:
         return jax.make_jaxpr(functools.partial(evaluate, plan=plan))(*(jax.ShapeDtypeStruct(*a) for a in arrays))
 
 
-@functools.cache
-def _compiled(plan: Plan) -> Callable[..., list[Array]]:
-    return compiled(sums_p, plan=plan)
-
-
 sums_p: Any = Primitive("jaxspatial_sums")
 sums_p.multiple_results = True
 sums_p.def_abstract_eval(_abstract)
-sums_p.def_impl(lambda *arrays, plan: _compiled(plan)(*arrays))
+_program = functools.cache(functools.partial(compiled, sums_p))
+sums_p.def_impl(lambda *arrays, plan: _program(plan=plan)(*arrays))
 # Without calls, but on CPUs: see `inlined_calls`.
 mlir.register_lowering(sums_p, rule(inlined_calls()(evaluate)))
 lower_for_cpus = rule(evaluate)

@@ -37,7 +37,7 @@ def run_symbolically(formula: Callable, precision: Precision, arrays: Sequence):
     plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
     passed = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, check.NUMPY)}
     results = formula(vectors)
-    several: list = results if isinstance(results, check.LIST) else [results]
+    several: list = results if isinstance(results, list) else [results]
     evaluated = _evaluated_unstacked if are_components else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in passed]))
     values = [check.broadcast_batch(batch, passed[id(x)])[0] if id(x) in passed else next(computed) for x in several]
@@ -49,7 +49,7 @@ class _Data:
 
     def __init__(self, dtype: np.dtype):
         self.dtype = dtype
-        self.arrays: list[Any] = []
+        self.arrays: list = []
         self.constants: dict[int, Any] = {}
 
     def vector(self, a):
@@ -139,7 +139,7 @@ class _IsData(Exception):
 
 
 def _value(data: _Data, c: Polynomial | Quotient) -> Fraction:
-    """The exact value of what consists of constants, 0 by whatever is 0 as in `folding`; raises _IsData for others."""
+    """The exact value of what consists of constants, 0 by whatever is 0 as in `rounded`; raises _IsData for others."""
     if isinstance(c, Quotient):
         return _value(data, c.dividend) / _value(data, c.divisor) if c.dividend.terms else Fraction()
     return Fraction(sum(t.sign * math.prod(map(data.constant, t.factors)) for t in c.terms))
@@ -164,15 +164,13 @@ def _divided(plan: Plan, arrays: Sequence, x):
 
 def _bound(plan: Plan, arrays: Sequence, results: Sequence) -> list:
     """The results of a plan for polynomials: an array or double word each; zeros where there are no terms."""
-    wanted = [_sum(plan, x) for x in results]
+    wanted = list[Sum]()
+    for x in results:
+        terms, shares = zip(*(p.of_whole_terms() for p in _components(x)), strict=True)
+        reduced = (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
+        wanted.append(Sum(terms, reduced, () if set(shares) == {1} else shares))
     computed = iter(bind_nonzero(plan, wanted, arrays))
     return [_shaped(plan, x, s, next(computed), arrays[0].dtype) for x, s in zip(results, wanted, strict=True)]
-
-
-def _sum(plan: Plan, x) -> Sum:
-    terms, shares = zip(*(p.of_whole_terms() for p in _components(x)), strict=True)
-    reduced = (len(plan.batch) - 1,) if isinstance(x, Summed) else ()
-    return Sum(terms, reduced, () if set(shares) == {1} else shares)
 
 
 def _shaped(plan: Plan, x, s: Sum, result, dtype: np.dtype):

@@ -30,7 +30,7 @@ def _estimate(pairs, dtype):
     def run(pairs):
         terms = [(1, [x.astype(np.float64) for x in pair]) for pair in pairs]
         estimated = ESTIMATED if dtype == "float64" else ESTIMATED_OF_NARROW
-        return estimated.round(estimated.total(terms), np.dtype(dtype))
+        return estimated.round(estimated.state_of(terms), np.dtype(dtype))
 
     with jax.enable_x64(True):
         return np.asarray(jax.jit(run)(pairs))
@@ -76,7 +76,7 @@ def test_terms_added_last_count(dtype):
         wide = [x.astype(np.float64) for x in (tau, f, p)]
         terms = [(-1, [wide[2][:, 1], wide[1][:, 2]]), (1, [wide[2][:, 2], wide[1][:, 1]])]
         estimated = ESTIMATED if dtype == "float64" else ESTIMATED_OF_NARROW
-        state = estimated.plus(estimated.total(terms), 1, wide[0][:, 0])
+        state = estimated.plus(estimated.state_of(terms), 1, wide[0][:, 0])
         return estimated.round(state, np.dtype(dtype)), estimated.round(estimated.plus(state, -1, wide[0][:, 0]), dtype)
 
     with jax.enable_x64(True):
