@@ -252,8 +252,14 @@ def _with_mimics(leaders: list[Joint], mimics: _Mimics, name: str, power: int):
     """A number per generalized velocity: what a mimic has is added to the joint that it follows."""
     totals = {joint.name: numbers(joint, name, "nv") for joint in leaders}
     for joint, (leader, multiplier, _) in mimics:
-        totals[leader] = totals[leader] + abs(multiplier) ** power * numbers(joint, name, "nv")
+        totals[leader] = totals[leader] + _power(multiplier, power) * numbers(joint, name, "nv")
     return _concatenated(totals.values())
+
+
+def _power(multiplier: float, power: int):
+    """|a|^n, or the largest number: times what a joint does not have it is 0."""
+    with np.errstate(over="ignore"):
+        return np.minimum(np.float64(abs(multiplier)) ** power, np.finfo(float).max)
 
 
 def _rest(joint: Joint, mimics: _Mimics):
@@ -263,7 +269,7 @@ def _rest(joint: Joint, mimics: _Mimics):
     """
     rest = spring_reference(joint)
     springs = [
-        (a**2 * numbers(mimic, "stiffness", "nv")[0], (spring_reference(mimic) - b) / (a or 1.0))
+        (_power(a, 2) * numbers(mimic, "stiffness", "nv")[0], (spring_reference(mimic) - b) / (a or 1.0))
         for mimic, (leader, a, b) in mimics
         if leader == joint.name
     ]

@@ -1,13 +1,15 @@
 """Which URDF and MJCF files of public packages load, and how far what they make is from Pinocchio and MuJoCo.
 
-    python tests/benchmarks/model_files.py [PACKAGE | NAME=FOLDER ...] [--rows FILE] [--before FILE] [--write]
+    python tests/benchmarks/model_files.py [PACKAGE | NAME=FOLDER ...] [--rows FILE] [--before FILE]
+                                           [--largest N] [--write]
 
 A package is one that is installed, such as example-robot-data; a folder is one into which a package was unpacked, or a
 repository cloned. Without any, all packages of `PACKAGES` that are installed. Nothing of them is needed elsewhere here.
 
 Compared are the mass matrix, bias forces, gravity forces and poses of all bodies, and of MJCF the passive forces, in
 float64 at two random states, relative to the largest number of each result. Exit status 1 if one is above 1e-9. Every
-file counts once, in the first source that has it. `--rows` keeps what was found, one file per line; `--before` takes
+file counts once, in the first source that has it. `--largest` compares only mechanisms of at most so many velocities;
+all others are loaded, and counted, by both. `--rows` keeps what was found, one file per line; `--before` takes
 such a file, of another commit, into the table beside it; `--write` renews tests/peers/model_files.md.
 """
 
@@ -50,6 +52,7 @@ def main(arguments=None):
     parser.add_argument("--rows", type=pathlib.Path, help="a file of what was found, one model file per line")
     parser.add_argument("--before", type=pathlib.Path, help="rows of another commit, for the table")
     parser.add_argument("--loads", action="store_true", help="compare nothing, find out which files load")
+    parser.add_argument("--largest", type=int, default=1 << 30, help="velocities of the largest mechanism to compare")
     parser.add_argument("--write", action="store_true", help="write the table to tests/peers/model_files.md")
     options = parser.parse_args(arguments)
     gc.disable()
@@ -57,7 +60,11 @@ def main(arguments=None):
     rows = _kept(options.rows)
     for source, file, name in _files(options.sources or [p for p in PACKAGES if _is_installed(p)]):
         if (source, name) not in rows:
-            rows[source, name] = row = {"source": source, "file": name, **measured(file, options.loads)}
+            rows[source, name] = row = {
+                "source": source,
+                "file": name,
+                **measured(file, options.loads, options.largest),
+            }
             if options.rows:
                 with options.rows.open("a") as kept:
                     kept.write(json.dumps(row) + "\n")
@@ -107,7 +114,7 @@ def _files(sources):
                 yield name, path, short
 
 
-def measured(file, only_loads=False):
+def measured(file, only_loads=False, largest=1 << 30):
     """{"format", "peer": what the peer says, "ours": "loads" or the message, "error" where both load}."""
     is_urdf = re.search(rb"<(\w+:)?robot\b", file.read_bytes()) is not None
     with warnings.catch_warnings(record=True) as said:
@@ -119,7 +126,7 @@ def measured(file, only_loads=False):
         return row
     compare = _with_pinocchio if is_urdf else _with_mujoco
     try:
-        found = compare(file, mech)
+        found = compare(file, mech if mech is not None and mech.nv <= largest else None)
     except Exception as error:  # What a peer cannot read has nothing to be compared with.
         return row | {"peer": " ".join(f"{type(error).__name__}: {error}".split())[:300]}
     return row | {"peer": "loads"} | found

@@ -665,6 +665,42 @@ def test_what_comes_before_the_text_does_no_harm(tmp_path):
         assert repr(js.Mechanism.from_mjcf(source)) == expected
 
 
+# What MuJoCo reads though it is no XML.
+MENDED = {
+    "comment in Latin-1": (b"<worldbody>", b"<worldbody><!-- \xe9 -->"),
+    "two models": (b"</mujoco>", b"</mujoco>\n<mujoco/>"),
+    "ampersand": (b'model="arm"', b'model="arm & hand"'),
+    "no blank": (b'name="shoulder" axis', b'name="shoulder"axis'),
+    "what a tool said": (b"<mujoco", b"done\n<mujoco"),
+}
+
+
+@pytest.mark.parametrize("change", MENDED.values(), ids=MENDED)
+def test_what_mujoco_reads_is_read(change, tmp_path):
+    path, later = tmp_path / "arm.xml", tmp_path / "later.xml"
+    path.write_bytes(ARM.encode().replace(*change, 1))
+    assert repr(js.Mechanism.from_mjcf(path)) == repr(read())
+    # Lines are those of the text.
+    later.write_bytes(path.read_bytes().replace(b'damping=".25"', b'damping="-1"'))
+    line = 8 if change[1].startswith(b"done") else 7
+    with pytest.raises(ValueError, match=f'^from_mjcf: line {line}: <joint name="shoulder">: damping'):
+        js.Mechanism.from_mjcf(later)
+
+
+ENCODINGS = {
+    "utf-16": "line 1: expected text in UTF-8, got UTF-16; save it as UTF-8",
+    "latin-1": "line 7: expected names in UTF-8, got the byte 0xe9; save the text as UTF-8",
+}
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_text_that_is_no_utf_8_is_refused(encoding, tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM.replace("shoulder", "\xe9paule"), encoding=encoding)
+    with pytest.raises(ValueError, match=f"^from_mjcf: {ENCODINGS[encoding]}"):
+        js.Mechanism.from_mjcf(path)
+
+
 # -- what is left out -------------------------------------------------------------------------------------------------
 
 CONTROL = """<tendon><fixed name="rope"><joint joint="elbow" coef="1"/></fixed></tendon>
@@ -689,6 +725,32 @@ def test_what_is_left_out_is_listed_once():
         "tendon": ("rope",), "constraint that is not active": ("e",), "option": ("timestep", "contact switched off"),
         "margin": ("elbow",), "solreflimit": ("elbow",), "side of actuatorfrcrange that is nearer to 0": ("elbow",),
     }  # fmt: skip
+
+
+def test_plugins_and_actuators_with_several_controls_are_left_out():
+    """Those of MuJoCo's package and those that this version has."""
+    sensor = (
+        '<sensor><plugin name="s" plugin="mujoco.sensor.touch_grid" objtype="site" objname="tip"><config key="size" '
+    )
+    sensor += 'value="7 7"/><config key="fov" value="45 45"/></plugin></sensor>'
+    pid = '<actuator><plugin joint="slide" plugin="mujoco.pid"><config key="kp" value="1"/></plugin></actuator>'
+    motor = '<actuator><dcmotor name="d" joint="slide" motorconst="1" resistance="1" input="pos vel" '
+    motor += 'controller="0 0 5"/></actuator>'
+    extension = '<extension><plugin plugin="mujoco.sensor.touch_grid"/><plugin plugin="mujoco.pid"/></extension><option'
+    read_some = 0
+    for part, before in ((sensor, extension), (pid, extension), (motor, "<option")):
+        text = changed(ARM, (END, f"{part}{END}"), ("<option", before))
+        try:
+            mujoco.MjModel.from_xml_string(text)
+        except ValueError:  # of an older version
+            continue
+        assert repr(js.Mechanism.from_mjcf(text)) == repr(read())
+        read_some += 1
+        if "actuator" in part:
+            with pytest.warns(ModelFileWarning) as found:
+                assert not js.Actuators.from_mjcf(read(), text).names
+            assert found[0].message.unknown
+    assert read_some
 
 
 def test_nothing_is_said_of_shapes_and_control(recwarn):

@@ -219,6 +219,17 @@ REFUSED = {
     "infinite multiplier": ((MIMIC[0], MIMIC[1].replace('"-2"', '"inf"')), "line 15: <mimic>: multiplier: expected 1"),
     "infinite lower limit": (('lower="-1"', 'lower="inf"'), "line 11: .*limit: expected lower <= upper"),
     "limit beyond all": (('lower="-1"', 'lower="-1e400"'), "line 13: <limit>: lower: expected at most"),
+    "decimal comma": (('value="2"', 'value="2,5"'), "line 5: <mass>: value: expected 1 number, got '2,5'; numbers"),
+    "decimal commas": (
+        ('xyz="0 0 1"', 'xyz="0,5 0 1"'), "line 16: <origin>: xyz: expected 3 numbers, got '0,5 0 1'; numbers"
+    ),
+    "commas that may be decimal": (('xyz="0 0 1"', 'xyz="0,5 1,5 1"'), "line 16: <origin>: xyz: expected 3 numbers"),
+    "unit": (('lower="-1"', 'lower="-1rad"'), "line 13: <limit>: lower: expected 1 number, got '-1rad'"),
+    "empty axis": (('xyz="0 0 2"', 'xyz=""'), "line 12: <axis>: xyz: expected 3 numbers, got ''"),
+    "multiplier of a mimic whose square is too large": (
+        (MIMIC[0], MIMIC[1].replace("-2", "1e38") + '<dynamics damping="9e30"/>'),
+        'line 11: <joint name="shoulder">: damping: with what .* beyond the numbers of float32',
+    ),
     "underscore": (('value="2"', 'value="1_0"'), "line 5: <mass>: value: expected 1 number, got '1_0'"),
     "other digits": (('value="2"', 'value="\u0663"'), "line 5: <mass>: value: expected 1 number"),
     "wide digits": (('xyz="0 0 1"', 'xyz="0 0 \uff11"'), "line 16: <origin>: xyz: expected 3 numbers"),
@@ -267,6 +278,15 @@ REFUSED = {
     ),
     "no orientation": (('xyz="0 0 1"', 'quat_xyzw="0 0 0 0"'), "line 16: <origin>: quat_xyzw: expected a length"),
 }  # fmt: skip
+
+
+def test_a_mimic_whose_numbers_are_beyond_any_dtype(x64):
+    """Of damping the square of the multiplier counts, which Python's numbers cannot have."""
+    change = MIMIC[0], MIMIC[1].replace("-2", "1e300") + '<dynamics damping="9"/>'
+    with pytest.raises(
+        ValueError, match="^from_urdf: line 1[15]: <.*(damping: with what|multiplier: expected at most)"
+    ):
+        read(ARM, change, dtype=np.float64)
 
 
 def test_sums_beyond_the_dtype_are_refused():
@@ -373,6 +393,34 @@ FOUND = {
         ('effort="3"', 'effort="-1"'), "line 13: <limit>: effort: expected a number >= 0, got '-1'",
         {"effort below 0, taken as none": ("shoulder",)}, {},
     ),
+    "commas": (
+        ('xyz="0 0 1"', 'xyz="0, 0 1,"'), "line 16: <origin>: xyz: expected 3 numbers, got '0, 0 1,'; numbers",
+        {"commas between numbers, taken as blanks": ("grip",)}, {},
+    ),
+    "commas alone": (
+        ('xyz="0 0 2"', 'xyz="0,0,2"'), "line 12: <axis>: xyz: expected 3 numbers, got '0,0,2'",
+        {"commas between numbers, taken as blanks": ("shoulder",)}, {},
+    ),
+    "dot that comes twice": (
+        ('lower="-1"', 'lower="-1.."'), "line 13: <limit>: lower: expected 1 number, got '-1..'; mend it",
+        {"number with a dot or an f behind it, taken without": ("shoulder",)}, {},
+    ),
+    "number of C": (
+        ('mass value="2"', 'mass value="2.0f"'), "line 5: <mass>: value: expected 1 number, got '2.0f'",
+        {"number with a dot or an f behind it, taken without": ("upper",)}, {},
+    ),
+    "empty limit": (
+        ('effort="3"', 'effort=" "'), "line 13: <limit>: effort: expected 1 number, got ' '",
+        {"empty effort of <limit>, taken as left out": ("shoulder",)}, {},
+    ),
+    "empty angles": (
+        ('xyz="0 0 1"', 'xyz="0 0 1" rpy=""'), "line 16: <origin>: rpy: expected 3 numbers, got ''",
+        {"empty rpy of <origin>, taken as left out": ("grip",)}, {},
+    ),
+    "empty product": (
+        ('ixy=".1"', 'ixy=""'), "line 6: <inertia>: ixy: expected 1 number, got ''",
+        {"empty ixy of <inertia>, taken as left out": ("upper",), "no ixy of <inertia>": ("upper",)}, {},
+    ),
     "axis that comes twice": (
         ('<axis xyz="0 0 2"/>', '<axis xyz="0 0 2"/><axis xyz="0 0 2"/>'), "line 12: <axis>: <axis> comes twice", {}, {}
     ),
@@ -420,6 +468,8 @@ def test_what_is_read_so_has_these_numbers():
     mech = read(ARM, *(FOUND[what][0] for what in ("limits reversed", "negative effort", "no product")))
     np.testing.assert_array_equal([mech.lower[0], mech.upper[0], mech.effort_limit[0]], [-np.inf, np.inf, np.inf])
     np.testing.assert_array_equal(mech.inertias.central[0], np.float32([4, 0.1, 5, 0, 0.3, 6]))
+    for what in ("commas", "commas alone", "dot that comes twice", "number of C", "empty angles"):
+        assert repr(read(ARM, FOUND[what][0])) == repr(read())
     mech = read(ARM, FOUND["mass alone"][0])
     np.testing.assert_array_equal([mech.inertias.mass[0], *mech.inertias.central[0]], [2, 0, 0, 0, 0, 0, 0])
     for what in ("two inertials", "two masses", "two limits"):
@@ -486,12 +536,87 @@ def test_what_comes_before_the_text_does_no_harm(tmp_path):
     declared = '<?xml version="1.0" encoding="latin-1"?>'
     path.write_text("\ufeff" + ARM, encoding="utf-8")
     other = tmp_path / "other.urdf"
+    wide = tmp_path / "wide.urdf"
+    wide.write_text('<?xml version="1.0" encoding="utf-16"?>' + ARM, encoding="utf-16")
+    ended = tmp_path / "ended.urdf"
+    ended.write_text(ARM + "\n \0\0")
     other.write_text(f"\n\n {declared.replace('latin-1', 'iso-8859-1')}{ARM}\0", encoding="latin-1")
-    for source in ("\ufeff" + ARM, path, other, f"\n {declared}{ARM}", "\ufeff\n\n" + ARM):
+    for source in ("\ufeff" + ARM, path, other, wide, ended, f"\n {declared}{ARM}", "\ufeff\n\n" + ARM):
         assert repr(js.Mechanism.from_urdf(source)) == expected
     assert read(declared + ARM, ('"elbow"', '"ellb\xf6gen"')).joint_names[1] == "ellb\xf6gen"
     with pytest.raises(ValueError, match="line 6: <link>: name: expected one"):
         read(f"\n\n{declared}{ARM}", ('link name="base"', "link"))
+
+
+# What XML does not allow, and the parser of Pinocchio and MuJoCo reads: (what of the file, the message where strict).
+MENDED = {
+    "comment in Latin-1": ((b"<!-- two", b"<!-- \xe9"), "line 2"),
+    "comment in GBK": ((b"<!-- two", b"<!-- \xc4\xe3"), "line 2"),
+    "unknown encoding": ((b"<robot", b"<?xml version='1.0' encoding='utf8mb4'?><robot"), "line 1"),
+    "encoding that it has not": (
+        (b"<robot", b"<?xml version='1.0' encoding='ascii'?><!-- \xc3\xa9 --><robot"),
+        "line 1",
+    ),
+    "comment that ends late": ((b"welded -->", b"welded ---->"), "line (2|18)"),
+    "ampersand": ((b'<material name="grey"', b'<material name="black & grey"'), "line 3"),
+    "entity of HTML": ((b'<material name="grey"', b'<material name="&nbsp;"'), "line 3"),
+    "bracket in a name": ((b'<material name="grey"', b'<material name="<grey"'), "line 3"),
+    "no blank": ((b'name="shoulder" type', b'name="shoulder"type'), "line 11"),
+    "blank": ((b"<limit", b"< limit"), "line 13"),
+    "control character": ((b"<!-- two", b"<!-- \x0b"), "line 2"),
+    "two declarations": ((b"<robot", b"<?xml version='1.0'?>\n<?xml version='1.0'?><robot"), "line 2"),
+    "declaration behind a comment": ((b"<robot", b"<!-- -->\n<?xml version='1.0'?><robot"), "line 2"),
+    "three parts of a name": ((b"<limit", b'<limit a:b:c="1"'), "line 13"),
+}
+LISTED = {
+    "two robots": ((b"</robot>", b"</robot><robot/>"), "line 18", {"text behind </robot>": ("line 18",)}),
+    "a link behind": ((b"</robot>", b"</robot>\n<link name='x'/>"), "line 19", {"text behind </robot>": ("line 19",)}),
+    "what a tool said": ((b"<robot", b"xacro: done\n<?xml version='1.0'?><robot"), "line 1",
+                         {"text before <robot>": ("line 1",)}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "message", "unknown"), [(*x, {}) for x in MENDED.values()] + [*LISTED.values()],
+                         ids=[*MENDED, *LISTED])  # fmt: skip
+def test_what_other_parsers_of_xml_read(change, message, unknown, tmp_path, recwarn):
+    path = tmp_path / "arm.urdf"
+    assert change[0] in ARM.encode()
+    path.write_bytes(ARM.encode().replace(*change, 1))
+    assert repr(js.Mechanism.from_urdf(path)) == repr(read())
+    listed = [x.message.unknown for x in recwarn if x.category is ModelFileWarning]
+    assert listed == ([unknown] if unknown else []) or listed == [{"a:b:c of <limit>": ("shoulder",)}]
+    with pytest.raises(ValueError, match=f"^from_urdf: malformed XML: .*{message}, column .*; mend the file there"):
+        js.Mechanism.from_urdf(path, strict=True)
+
+
+def test_names_in_another_encoding_are_read_as_latin_1(tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(ARM.replace('"elbow"', '"ellb\xf6gen"').encode("latin-1"))
+    assert js.Mechanism.from_urdf(path).joint_names == ("shoulder", "ellb\xf6gen")
+    # A text that declares entities has these.
+    declared = ARM.replace('name="elbow"', 'name="&e;"').replace(
+        "<robot", '<!DOCTYPE robot [<!ENTITY e "elbow">]><robot'
+    )
+    path.write_text(declared)
+    assert js.Mechanism.from_urdf(path).joint_names == ("shoulder", "elbow")
+
+
+NOT_MENDED = {
+    "attribute twice": (b'type="revolute"', b'type="revolute" type="fixed"'),
+    "no quotes": (b'type="revolute"', b"type=revolute"),
+    "open comment": (b"welded -->", b"welded"),
+    "open tag": (b"</robot>", b""),
+    "other tag": (b"</robot>", b"</robots>"),
+    "zero": (b"<!-- two", b"<!-- \0"),
+}
+
+
+@pytest.mark.parametrize("change", NOT_MENDED.values(), ids=NOT_MENDED)
+def test_xml_that_no_parser_reads_is_refused(change, tmp_path):
+    path = tmp_path / "arm.urdf"
+    path.write_bytes(ARM.encode().replace(*change, 1))
+    with pytest.raises(ValueError, match=r"^from_urdf: malformed XML: .*line \d+, column \d+; mend the file there$"):
+        js.Mechanism.from_urdf(path)
 
 
 def test_a_picture_without_geometry_is_left_out_like_any_other():

@@ -36,8 +36,6 @@ differs from axis to axis, as it can in an MjModel.
 
 import collections
 import functools
-import importlib
-import io
 import pathlib
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -54,6 +52,7 @@ from jaxspatial.mechanism.formats.source import (
     built,
     doubt_inertias,
     needed,
+    parsed,
     rotation_of,
     with_moments,
 )
@@ -195,6 +194,8 @@ _RANGES = {"range", "actuatorfrcrange"}
 
 
 class _File(ModelText):
+    is_read_by_another = True
+
     def __init__(self, source: Any, assets: Mapping[str, bytes] | None, dtype: DTypeLike | None, strict: bool):
         mujoco = self.mujoco = needed("from_mjcf", "mujoco")
         self.assets, text = dict(assets or {}), source
@@ -215,6 +216,7 @@ class _File(ModelText):
             by_text, by_path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
             read, given = (by_text, self.source.decode()) if self.path is None else (by_path, str(self.path))
             self.model = self._compiled(functools.partial(read, given, self.assets))
+        self._check_names()
         bits = mujoco.mjtDisableBit.__members__
         flags = self.model.opt.disableflags
         self.disabled = {name for name, bit in bits.items() if "DSBL" in name and flags & int(bit)}
@@ -225,6 +227,8 @@ class _File(ModelText):
         except ValueError as error:
             message = " ".join(str(error).split())
             said = self._with_line(message) if hasattr(self, "root") else f"MuJoCo says {message}"
+            if self.malformed:
+                raise ValueError(f"from_mjcf: {self.malformed}") from None
             raise ValueError(f"from_mjcf: {said}; mend the model") from None
 
     def line(self, element: Element) -> str:
@@ -232,7 +236,6 @@ class _File(ModelText):
 
     def _include(self, element: Element, files: set[pathlib.Path | None]):
         """Puts the elements of included files in place, as MuJoCo does; leaves what cannot be read for it to refuse."""
-        etree = importlib.import_module("lxml.etree")
         folder = pathlib.Path() if self.path is None else self.path.parent
         for mark in list(element.iter("include")):
             name = mark.get("file", "")
@@ -240,8 +243,10 @@ class _File(ModelText):
             if path in files:
                 continue
             try:
-                root = etree.parse(io.BytesIO(self.assets.get(name) or path.read_bytes())).getroot()
-            except (OSError, etree.XMLSyntaxError):
+                root, _ = parsed(self.operation, self.assets.get(name) or path.read_bytes(), None, False)
+            except OSError:
+                continue
+            if root is None:
                 continue
             self._include(root, {*files, path})
             for part in list(root.iterchildren("*")):
@@ -251,11 +256,25 @@ class _File(ModelText):
 
     def _with_line(self, message: str):
         """A message of MuJoCo. One about an included file has no line: that of the element which names the file."""
+        if b"\0" in self.source[:4]:
+            return "line 1: expected text in UTF-8, got UTF-16; save it as UTF-8"
+        if found := re.search(r"Line number=(\d+)", message):
+            return f"line {found[1]}: MuJoCo says {message}"
         if re.search(r"line \d+", message):
             return f"MuJoCo says {message}"
         quoted = tuple(re.findall(r"'([^']+)'", message))
         naming = [e for e in self.root.iter("*") if any(text.endswith(quoted) for text in e.attrib.values())]
         return f"{self.line((*naming, self.root)[0])}: MuJoCo says {message}"
+
+    def _check_names(self):
+        """Checks that names are UTF-8: the model has no others."""
+        try:
+            self.model.names.decode()
+        except UnicodeDecodeError as error:
+            byte = error.object[error.start : error.start + 1]
+            line = self.source[: max(self.source.find(byte), 0)].count(b"\n") + 1
+            reason = f"expected names in UTF-8, got the byte 0x{byte.hex()}; save the text as UTF-8"
+            raise ValueError(f"from_mjcf: line {line}: {reason}") from None
 
     def _check_finite(self):
         """Checks the text: its lines are known, and MuJoCo would write into a log."""
@@ -274,7 +293,15 @@ class _File(ModelText):
         return np.array(self.model.opt.gravity) if self.has("GRAVITY") else np.zeros(3)
 
     def name(self, what: str, i: int) -> str:
-        return WORLD if (what, i) == ("body", 0) else getattr(self.model, what)(i).name or f"{what}_{i}"
+        if (what, i) == ("body", 0):
+            return WORLD
+        # Of a plugin the model has no view.
+        own = (
+            self.mujoco.mj_id2name(self.model, int(self.mujoco.mjtObj.mjOBJ_PLUGIN), i)
+            if what == "plugin"
+            else (getattr(self.model, what)(i).name)
+        )
+        return own or f"{what}_{i}"
 
     def kind(self, j: int) -> str:
         return _KINDS[int(self.model.jnt_type[j])]
@@ -439,6 +466,8 @@ def _not_plain(file: _File, i: int) -> str:
     )
     if not file.has("ACTUATION") or (m.opt.disableactuator >> int(m.actuator_group[i])) & 1:
         return "a group that is switched off"
+    if file.numbers("actuator_plugin")[i].tolist() not in ([], [-1]):
+        return "a plugin"
     if m.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE):
         return "activation"
     if file.numbers("actuator_delay")[i].any():
@@ -653,7 +682,8 @@ _SOFTNESS = {
 def _leave_out(file: _File):
     m = file.model
     for what, count in _LEFT_OUT.items():
-        for i in range(getattr(m, count, 0)):
+        # An actuator may have several controls, which nu counts.
+        for i in range(len(m.actuator_trntype) if what == "actuator" else getattr(m, count, 0)):
             file.leave_out(_TAGS.get(what, what), file.name(what, i))
     for i in range(m.neq):
         if not (m.eq_active0[i] and file.has("EQUALITY", "CONSTRAINT")):

@@ -35,9 +35,25 @@ NO_INERTIA = "no inertia along coordinates, so that no torque accelerates them"
 MASSLESS, IMPOSSIBLE = "mass 0 with moments", "inertia that no rigid body has"
 FIRST_DOUBTS = NO_INERTIA, MASSLESS, IMPOSSIBLE
 # Errors of XML that leave no doubt what is meant: prefixes that nobody declares, a version that there is not, "--" in a
-# comment.
-_HARMLESS = {"NS_ERR_UNDEFINED_NAMESPACE", "ERR_UNKNOWN_VERSION", "ERR_VERSION_MISSING", "ERR_HYPHEN_IN_COMMENT"}
+# comment, "<" in an attribute, a second declaration.
+_HARMLESS = {
+    "NS_ERR_UNDEFINED_NAMESPACE", "NS_ERR_QNAME", "ERR_UNKNOWN_VERSION", "ERR_VERSION_MISSING",
+    "ERR_HYPHEN_IN_COMMENT", "ERR_LT_IN_ATTRIBUTE", "ERR_RESERVED_XML_NAME",
+}  # fmt: skip
+_BEHIND = "ERR_DOCUMENT_END"  # more behind the root element
+# What the parser cannot get over, and TinyXML can, by which Pinocchio and MuJoCo read: (what, what to put there). Lines
+# keep their numbers.
+_MENDED = (
+    (re.compile(rb"-{2,}->"), b"-->"),  # comments that end by more than two
+    (re.compile(rb"&(?!(\w+|#\d+|#x[0-9a-fA-F]+);)"), b"&amp;"),
+    (re.compile(rb"&(?!(amp|lt|gt|quot|apos|#\w+);)"), b"&amp;"),  # of HTML, where the text declares none of its own
+    (re.compile(rb"""(=\s*("[^"<>]*"|'[^'<>]*'))(?=[A-Za-z_:])"""), rb"\1 "),  # attributes with nothing between
+    (re.compile(rb"<[ \t]+(?=[A-Za-z_])"), b"<"),
+    (re.compile(rb"[\x01-\x08\x0b\x0c\x0e-\x1f]"), b" "),
+)
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# A number of C, or one whose dot was written twice.
+_NUMBER_AND_MORE = re.compile(_NUMBER.pattern + "[.fF]", re.ASCII)
 # Entries of a rotation so near to 0 or 1 come from rounding quarter turns.
 _ROUNDING = 8 * np.finfo(float).eps
 _WIDER = "take a wider dtype, or smaller numbers"
@@ -94,7 +110,11 @@ class ModelText:
     """The text of a model file: its elements with their lines, and what the reader's one warning says.
 
     strict: whether words that the reader does not know, and what XML and the format do not allow, are refused.
+    is_read_by_another: whether elements are read for their lines alone, as what counts is read by another library.
+    malformed: what XML does not allow, and the reader cannot get over; "" for nothing.
     """
+
+    is_read_by_another, malformed = False, ""
 
     def __init__(self, operation: str, path_or_text: object, dtype: DTypeLike | None, strict: bool = False):
         self.operation, self.strict = operation, strict
@@ -113,17 +133,27 @@ class ModelText:
         self.smallest, self.largest = float(finfo.tiny), float(finfo.max)  # normal numbers of the dtype
 
     def _parsed(self) -> Element:
-        """The root element. Text is UTF-8 here, whatever encoding it declares."""
-        etree = needed(self.operation, "lxml.etree")
-        # The parser goes on after errors: what it makes of the text counts where it found none but harmless ones.
-        parser = etree.XMLParser(encoding="utf-8" if self.path is None else None, recover=True)
-        root = etree.parse(io.BytesIO(self.source), parser).getroot()
-        harmless = () if self.strict else _HARMLESS
-        errors = [e for e in parser.error_log if e.type_name not in harmless and e.level_name != "WARNING"]
+        """The root element."""
+        # Text is UTF-8 here, whatever encoding it declares.
+        encoding = "utf-8" if self.path is None else None
+        root, errors = parsed(self.operation, self.source, encoding, self.strict)
+        if root is None and not self.strict and 0 < self.source.find(b"<"):
+            # What a tool that made the text said first. MuJoCo and Pinocchio read what comes after it.
+            before, bracket, rest = self.source.partition(b"<")
+            text = _with_declaration_first(b"\n" * before.count(b"\n") + bracket + rest)
+            root, errors = parsed(self.operation, text, encoding, self.strict)
+            if root is not None:
+                self.miss(f"text before <{word_of(root)}>", "line 1")
+        behind = [e for e in errors if e.type_name == _BEHIND and not self.strict and root is not None]
+        errors = [e for e in errors if e not in behind]
         if errors or root is None:
             # Of text that has no element at all, the parser says nothing.
             what = "{0.message}, line {0.line}, column {0.column}".format(errors[0]) if errors else "no element, line 1"
-            raise ValueError(f"{self.operation}: malformed XML: {what}; mend the file there")
+            self.malformed = f"malformed XML: {' '.join(what.split())}; mend the file there"
+            if root is None or self.strict or not self.is_read_by_another:
+                raise ValueError(f"{self.operation}: {self.malformed}")
+        elif behind:
+            self.miss(f"text behind </{word_of(root)}>", f"line {behind[0].line}")
         return root
 
     def line(self, element: Element) -> str:
@@ -163,6 +193,34 @@ class ModelText:
             warnings.warn(ModelFileWarning(self.operation, doubtful, self.unknown, left_out), stacklevel=4)
 
 
+def parsed(operation: str, text: bytes, encoding: str | None, strict: bool) -> tuple[Element, list[Any]]:
+    """(the root element, errors). The parser goes on after errors: the root counts where it found none."""
+    root, errors = _tree(operation, text, encoding, () if strict else _HARMLESS)
+    if errors and not strict and {e.type_name for e in errors} != {_BEHIND}:
+        if any("ENCODING" in e.type_name for e in errors):
+            encoding = "utf-8" if _is_utf_8(text) else "iso-8859-1"
+        has_entities = b"<!ENTITY" in text
+        for pattern, instead in _MENDED:
+            text = text if has_entities and b"amp|" in pattern.pattern else pattern.sub(instead, text)
+        root, errors = _tree(operation, text, encoding, _HARMLESS)
+    return root, errors
+
+
+def _tree(operation: str, text: bytes, encoding: str | None, harmless: Iterable[str]):
+    etree = needed(operation, "lxml.etree")
+    parser = etree.XMLParser(encoding=encoding, recover=True)
+    root = etree.parse(io.BytesIO(text), parser).getroot()
+    return root, [e for e in parser.error_log if e.type_name not in harmless and e.level_name != "WARNING"]
+
+
+def _is_utf_8(text: bytes) -> bool:
+    try:
+        text.decode()
+    except UnicodeDecodeError:
+        return False
+    return True
+
+
 def word_of(element: Element, name: str | None = None) -> str:
     """The tag of an element, or the name of an attribute of it, as it is written: with the prefix of its namespace."""
     uri, _, local = (element.tag if name is None else name).removeprefix("{").rpartition("}")
@@ -198,7 +256,9 @@ def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.P
 def _with_declaration_first(text: bytes):
     """Moves blanks before <?xml ...?> behind it, where they are no error and lines keep their numbers. What C++ writes
     behind the text, the zero at the end of a string, is no part of it."""
-    text = text.rstrip(b"\0") if text.endswith(b">\0") or text.endswith(b"\n\0") else text
+    if b"\0" in text[:4]:  # UTF-16, in which every second byte is a zero
+        return text
+    text = text.rstrip(b"\0 \t\r\n") if text.endswith(b"\0") else text
     rest = text.removeprefix(codecs.BOM_UTF8).lstrip()
     blanks = text[: len(text) - len(rest)].removeprefix(codecs.BOM_UTF8)
     end = rest.find(b"?>") + 2 if blanks and rest.startswith(b"<?xml") else 0
@@ -221,6 +281,21 @@ def numbers_of(text: str):
     """The numbers of a text, as XML Schema writes finite decimals; None for anything else, "1_0" and "nan" too."""
     words = text.split()
     return [float(word) for word in words] if all(map(_NUMBER.fullmatch, words)) else None
+
+
+def mended_numbers(text: str, n: int) -> tuple[str, str] | None:
+    """(what is wrong, the text without it) of n numbers that are written as other tools read them; None where it could
+    mean something else: "1,5 2" may be two numbers or three."""
+    without_commas = re.sub(r",(?=\s|$)", " ", text)
+    if text.count(",") == n - 1:
+        without_commas = text.replace(",", " ")
+    words = re.findall(r"\S+", without_commas)
+    short = [word[:-1] if _NUMBER_AND_MORE.fullmatch(word) else word for word in words]
+    if len(short) != n or numbers_of(" ".join(short)) is None:
+        return None
+    if "," in text and n > 1:
+        return "commas between numbers, taken as blanks", " ".join(short)
+    return ("number with a dot or an f behind it, taken without", " ".join(short)) if short != words else None
 
 
 def rotation_of(entries: npt.ArrayLike):

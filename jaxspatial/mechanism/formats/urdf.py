@@ -10,6 +10,8 @@ Files in circulation have more than the format allows. What follows is read, unl
   ...) is refused by its name.
 - XML with an unknown version, blanks before its declaration, a default namespace, or prefixes that nobody declares; a
   robot without a name; a link "world" that only joints name: it is the world.
+- Numbers with commas between them, where they cannot be decimals; a number with a dot or an "f" behind it; an empty
+  attribute that may be left out. The warning lists them as doubtful.
 - Of a part that comes twice the first is taken. What is left of calls of macros, in a file that xacro has made, is left
   out. The warning lists both as doubtful.
 - An inertia without products, moments or mass has zeros for them. A revolute joint without limits, or with a lower one
@@ -46,6 +48,7 @@ from jaxspatial.mechanism.formats.source import (
     ModelText,
     built,
     doubt_inertias,
+    mended_numbers,
     numbers_of,
     rotation_of,
     with_moments,
@@ -272,7 +275,18 @@ class _File(ModelText):
         if values is None or len(values) != n:
             hint = "; numbers have blanks between them" if "," in text else ""
             hint = "; this is a text for the tool xacro: run it first" if "$" in text else hint
-            self.refuse_element(element, f"{name}: expected {_counted(n)}, got {text!r}{hint}")
+            reason = f"{name}: expected {_counted(n)}, got {text!r}{hint}"
+            if not text.strip() and name not in schema.required:
+                self.take_as(element, f"empty {name} of <{element.tag}>, taken as left out", reason)
+                del element.attrib[name]
+                return
+            mended = mended_numbers(text, n)
+            if mended is None:
+                self.refuse_element(element, reason)
+            what, text = mended
+            self.take_as(element, what, reason)
+            element.set(name, text)
+            values = numbers_of(text) or []
         largest = np.finfo(float).max if is_limit else self.largest
         if not is_unlimited and max(map(abs, values)) > largest:
             self.refuse_element(element, f"{name}: expected at most {self.largest:.3g} in this dtype, got {text!r}")
