@@ -341,10 +341,11 @@ REFUSED = {
         "name: 'c/a' is made for another",
     ),
     "polynomial": (_equality('<joint joint1="elbow" joint2="slide" polycoef="0 1 2"/>'), "line 18: <joint .*polycoef"),
-    "two masters": (_equality('<joint joint1="elbow" joint2="slide"/>' * 2), "line 18: <joint .*joint1: 'elbow'"),
-    "ring": (
-        _equality('<joint joint1="elbow" joint2="slide"/><joint joint1="slide" joint2="elbow"/>'),
-        "line 18: .*'slide' follow each other in a ring; leave out one",
+    "two constraints that cannot both hold": (
+        _equality(
+            '<joint joint1="elbow" joint2="slide"/><joint name="e" joint1="elbow" joint2="slide" polycoef="1 1"/>'
+        ),
+        "line 18: <joint name=\"e\">: 'elbow', 'slide' cannot be so: other constraints say otherwise by 1; leave ",
     ),
     "bent spring": (_tendon('stiffness="3 1"'), 'line 18: <fixed name="tendon_0">: stiffness: expected one number'),
     "heavy tendon": (_tendon('name="t" armature="3"'), 'line 18: <fixed name="t">: armature: expected none .*leave it'),
@@ -460,6 +461,49 @@ def test_an_equality_that_is_no_mimic_is_a_tendon_of_one_length(name):
     assert (mech.nq, held.name, held.joints) == (3, "e", tuple(joints))
     np.testing.assert_array_equal(held.coefficients, c)
     np.testing.assert_array_equal([held.lower, held.upper, held.offset], [length, length, 0])
+
+
+_SHOULDER = '<joint name="{}" joint1="{}" joint2="{}" polycoef="{}"/>'
+# Constraints of two joints of which the first follows another already: (constraints, mimics of all joints, tendons).
+SOLVED = {
+    "twice": ((("a", "elbow", "slide", ".5 2"),) * 2, {"elbow": ("slide", 2, -0.5)}, 0),
+    "turned round": (
+        (("a", "elbow", "slide", ".5 2"), ("b", "slide", "elbow", "-.25 .5")), {"elbow": ("slide", 2, -0.5)}, 0
+    ),
+    "two that it follows": (
+        (("a", "elbow", "slide", "0 2"), ("b", "elbow", "shoulder", "0 3")),
+        {"elbow": ("shoulder", 3, 0), "slide": ("shoulder", 1.5, 0.5)}, 0,
+    ),
+    "ring that leaves one place": (
+        (("a", "elbow", "slide", "0 2"), ("b", "slide", "elbow", "0 1")), {"elbow": ("slide", 2, -1)}, 1
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SOLVED)
+def test_constraints_of_joints_that_follow_others_are_solved(name, recwarn):
+    """At any coordinates MuJoCo finds its constraints kept, but those that tendons have yet to hold."""
+    constraints, mimics, held = SOLVED[name]
+    names = [f"{x[0]}{k}" for k, x in enumerate(constraints)]
+    texts = [_SHOULDER.format(own, *x[1:]) for own, x in zip(names, constraints, strict=True)]
+    change = _equality("".join(texts))
+    mech = read(ARM, change, dtype=np.float64)
+    for joint, (leader, a, b) in mimics.items():
+        i, k = (mech.joint_names.index(x) for x in (joint, leader))
+        assert mech.topology.followed[i] == k
+        np.testing.assert_allclose(mech.mimics[i], [a, b], rtol=0, atol=1e-15)
+    assert len(mech.tendons) == held
+    model = mujoco.MjModel.from_xml_string(changed(ARM, change))
+    data = mujoco.MjData(model)
+    q = {x: 0.375 for x in mech.joint_names if x not in mimics}
+    for joint, (a, b), k in zip(mech.joint_names, mech.mimics, mech.topology.followed, strict=True):
+        data.joint(joint).qpos[:] = a * q[mech.joint_names[k]] + b
+    mujoco.mj_forward(model, data)
+    of_equalities = data.efc_type == int(mujoco.mjtConstraint.mjCNSTR_EQUALITY)
+    residuals = data.efc_pos[of_equalities]
+    assert (abs(residuals) > 1e-12).sum() == held
+    with_tendon = [x.message.doubtful for x in recwarn if x.category is ModelFileWarning and x.message.doubtful]
+    assert len(with_tendon) == held
 
 
 def test_an_equality_of_two_tendons_over_two_joints_is_a_mimic():
@@ -747,9 +791,9 @@ def test_plugins_and_actuators_with_several_controls_are_left_out():
         assert repr(js.Mechanism.from_mjcf(text)) == repr(read())
         read_some += 1
         if "actuator" in part:
-            with pytest.warns(ModelFileWarning) as found:
+            with pytest.warns(ModelFileWarning) as said:
                 assert not js.Actuators.from_mjcf(read(), text).names
-            assert found[0].message.unknown
+            assert said[0].message.unknown
     assert read_some
 
 

@@ -8,7 +8,8 @@ mechanism, and bodies with `gravcomp` have lifts. Springs, damping and friction 
 see `passive_forces`.
 
 Equality constraints are taken for rigid. Those of joints and of fixed tendons may be of at most first degree. An
-equality of two joints makes the first a mimic of the second. An equality of one joint, or of three and more, becomes a
+equality of two joints makes the first a mimic of the second; where it is one already, equations are solved for another
+joint, and those that say nothing more are left out. An equality of one joint, or of three and more, becomes a
 `Tendon` with two equal limits, which says what holds it; the warning names it. `connect` and `weld` become the
 `loops` of the mechanism, of kinds "ball" and "weld"; between bodies they hold frames "<constraint>/a" on the first body
 and "<constraint>/b" on the second.
@@ -546,6 +547,8 @@ _OF_VELOCITIES = {"armature": "dof_armature", "damping": "dof_damping", "frictio
 _OF_COORDINATES = {"ref": "qpos0", "springref": "qpos_spring"}
 # How the warning lists equality constraints that become tendons with equal limits.
 HELD = "equality read as a tendon of one length, which convex_step holds"
+# What is this small next to the terms of a sum comes from rounding.
+_ROUNDED = 1e-9
 # How the warning lists free joints of which slides and a ball are made.
 SPLIT = "free joint read as slides NAME/x, NAME/y, NAME/z and a ball NAME/ball"
 _NOT_NEGATIVE = {"mass", "stiffness", "armature", "damping", "frictionloss"}
@@ -714,8 +717,8 @@ def _leave_out(file: _File):
 
 def _parts(file: _File):
     """(bodies, joints, frames, loops, tendons)."""
-    equations = _equations(file)
-    rotors, mimics = _rotors(file), _mimics(file, equations)
+    followers, equations = _solved(file, _equations(file))
+    rotors, mimics = _rotors(file), _mimics(file, followers)
     moving = range(1, file.model.nbody)
     joints = [joint for i in moving for joint in _joints(file, i, rotors, mimics)]
     loops, anchors = _loops(file)
@@ -832,28 +835,68 @@ def _coefficients(file: _File, i: int) -> tuple[float, float]:
     return float(m.eq_data[i, 0]), float(m.eq_data[i, 1])
 
 
-def _mimics(file: _File, equations: list[_Equation]) -> dict[int, Mimic]:
-    """{number of a joint: its mimic}, of the equations of two joints."""
-    mimics = dict[int, tuple[int, int, float, float]]()  # {joint: (constraint, leader, multiplier, offset)}
-    for i, joints, c, length in equations:
-        if len(joints) == 2:
-            (j, leader), (c1, c2) = joints, c.tolist()
-            if j in mimics:
-                name = file.name("joint", j)
-                file.refuse("eq", i, f"joint1: {name!r} follows another joint already; leave one out")
-            mimics[j] = i, leader, -c2 / c1, length / c1
-    for j, (i, leader, _, _) in mimics.items():
-        passed = [j]
-        while leader in mimics and leader not in passed:
-            passed.append(leader)
-            leader = mimics[leader][1]
-        if leader in passed:
-            ring = ", ".join(repr(file.name("joint", k)) for k in passed[passed.index(leader) :])
-            file.refuse("eq", i, f"{ring} follow each other in a ring; leave out one of the constraints")
-    for j in mimics:
+class _Follower(NamedTuple):
+    """q = multiplier q[leader] + offset."""
+
+    leader: int
+    multiplier: float
+    offset: float
+
+
+def _solved(file: _File, equations: list[_Equation]) -> tuple[dict[int, _Follower], list[_Equation]]:
+    """({joint: what it follows}, the equations that make no mimic).
+
+    Of two joints the first follows the second. Where it follows another already, the joints that both follow in the
+    end take their places. What is left of an equation then says something, nothing, or what cannot be.
+    """
+    followers, others = dict[int, _Follower](), list[_Equation]()
+    for equation in sorted(equations, key=lambda x: len(x.joints) != 2):
+        i, (j, *_), (c1, *_), _ = equation
+        if len(equation.joints) == 2 and (j in followers or _last(followers, equation.joints[1]).leader == j):
+            equation = _over_leaders(file, followers, equation)
+            if equation is None:
+                continue
+            (j, *_), (c1, *_) = equation.joints, equation.c
+        if len(equation.joints) == 2:
+            followers[j] = _Follower(equation.joints[1], -float(equation.c[1]) / float(c1), equation.length / float(c1))
+        elif _over_leaders(file, followers, equation):
+            others.append(equation)
+    for j in followers:
         if file.is_limited(j):
             file.miss("range of a mimic", file.name("joint", j))
-    return {j: Mimic(file.name("joint", leader), a, b) for j, (_, leader, a, b) in mimics.items()}
+    return followers, sorted(others, key=lambda x: x.i)
+
+
+def _last(followers: dict[int, _Follower], j: int) -> _Follower:
+    """The joint that another one follows in the end, and how; itself where it follows none."""
+    leader, a, b = j, 1.0, 0.0
+    while leader in followers:
+        leader, further, c = followers[leader]
+        a, b = a * further, a * c + b
+    return _Follower(leader, a, b)
+
+
+def _over_leaders(file: _File, followers: dict[int, _Follower], equation: _Equation) -> _Equation | None:
+    """An equation over joints that follow none; None where others say it already."""
+    i, joints, c, length = equation
+    total, sizes = dict[int, float](), [abs(length)]
+    for j, x in zip(joints, c.tolist(), strict=True):
+        leader, a, b = _last(followers, j)
+        total[leader] = total.get(leader, 0.0) + x * a
+        length -= x * b
+        sizes += [abs(x * a), abs(x * b)]
+    left = {j: x for j, x in total.items() if abs(x) > _ROUNDED * max(sizes)}
+    if left:
+        return _Equation(i, list(left), np.array([*left.values()]), length)
+    if abs(length) > _ROUNDED * max(sizes):
+        names = ", ".join(repr(file.name("joint", j)) for j in joints)
+        file.refuse("eq", i, f"{names} cannot be so: other constraints say otherwise by {length:.3g}; leave one out")
+    file.leave_out("constraint that others imply", file.name("eq", i))
+    return None
+
+
+def _mimics(file: _File, followers: dict[int, _Follower]) -> dict[int, Mimic]:
+    return {j: Mimic(file.name("joint", leader), a, b) for j, (leader, a, b) in followers.items()}
 
 
 def _coordinates_of(file: _File, i: int) -> tuple[list[int], np.ndarray]:
@@ -886,11 +929,10 @@ def _held(file: _File, equations: list[_Equation]) -> list[Tendon]:
     """Tendons of one length, for the equations that make no mimic."""
     found = list[Tendon]()
     for i, joints, c, length in equations:
-        if len(joints) != 2:
-            name = file.name("eq", i)
-            _check_number(file, "eq", i, "coefficients and length", np.array([*c, length]))
-            file.doubt(HELD, name)
-            found.append(Tendon(name, [file.name("joint", j) for j in joints], c, lower=length, upper=length))
+        name = file.name("eq", i)
+        _check_number(file, "eq", i, "coefficients and length", np.array([*c, length]))
+        file.doubt(HELD, name)
+        found.append(Tendon(name, [file.name("joint", j) for j in joints], c, lower=length, upper=length))
     return found
 
 
