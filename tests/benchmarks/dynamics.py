@@ -4,8 +4,9 @@
     python tests/benchmarks/dynamics.py --against COMMIT [--write] [--robots ...] [--dtypes ...] [--rows ...]
 
 Prints what each algorithm costs to trace, to compile and to run, and every claim of `dynamics_claims.py`; exit status 1
-with the list of those that are not met. `--write` renews the table and the picture beside this file. Needs
-jaxspatial[peers] and g++, which takes minutes for Pinocchio's headers, once: libraries are kept in `--folder`.
+with the list of those that are not met. `--write` renews the table and the picture beside this file, and the targets on
+the page on contributing. Needs jaxspatial[peers] and g++, which takes minutes for Pinocchio's headers, once: libraries
+are kept in `--folder`.
 
 Every run is compared with the ratios to Pinocchio of the last good one, in `dynamics_ratios.json`: a row that fell by
 more than a tenth is told, with both numbers, and makes the exit status 1. `--write` renews that file too, where nothing
@@ -182,7 +183,7 @@ def _options(arguments):
     parser.add_argument("--limit", type=float, default=25.0, help="seconds after which no round begins")
     parser.add_argument("--mjx-budget", type=float, default=30.0, help="seconds that a gradient of MJX may compile")
     parser.add_argument("--folder", type=pathlib.Path, default=CACHE, help="keep the compiled libraries here")
-    parser.add_argument("--write", action="store_true", help="write dynamics.md beside this file, and dynamics.png")
+    parser.add_argument("--write", action="store_true", help="write dynamics.md and dynamics.png, and the targets")
     parser.add_argument("--accept", action="store_true", help="with --write: keep ratios to Pinocchio that fell")
     parser.add_argument("--against", metavar="COMMIT", help="run this tree and a commit in turns, without peers")
     options = parser.parse_args(arguments)
@@ -218,7 +219,8 @@ def main(arguments=None):
     machine = f"{timing.machine()}, {peers.versions()}"
     spent = f"{built - start:.0f} s to build the C++ libraries, {time.perf_counter() - built:.0f} s to measure."
     table = "\n".join(report.lines(results, sizes, left_out, f"{machine}; {spent}"))
-    print(f"\n{table}\n")
+    claims = report.all_claims(results, sizes)
+    print("\n".join(["", table, "", *report.lines_of_targets(claims), ""]))
     kept, found = guard.read(), guard.ratios(results)
     falls = guard.fallen(kept.ratios if kept else {}, found)
     print("\n".join([*guard.lines(kept, found, falls), ""]))
@@ -226,12 +228,13 @@ def main(arguments=None):
         # The commit before files change.
         now = guard.Kept(two_commits.this_commit(), datetime.date.today().isoformat(), machine, found)
         TABLE.write_text(f"# Dynamics of robots\n\n![times](dynamics.png)\n\n{table}\n")
+        report.TARGETS.write_text(report.with_targets(report.TARGETS.read_text(), claims))
         report.picture(results, HERE / "dynamics.png")
         if guard.is_to_be_kept(kept, falls, options.accept):
             guard.PLACE.write_text(guard.to_json(now))
         else:
             print(f"{guard.PLACE.name} is left as it was: --accept keeps ratios that fell.\n")
-    return _verdict(report.all_claims(results, sizes)) or int(bool(falls) and not options.accept)
+    return _verdict(claims) or int(bool(falls) and not options.accept)
 
 
 def _verdict(found):

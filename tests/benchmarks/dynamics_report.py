@@ -1,5 +1,7 @@
 """Tables and picture of what was measured."""
 
+import pathlib
+
 import numpy as np
 from dynamics_claims import (
     FRAX,
@@ -9,7 +11,6 @@ from dynamics_claims import (
     PEERS,
     PINOCCHIO,
     Case,
-    asked_seconds,
     best_peer,
     claims,
     claims_of_shape,
@@ -32,6 +33,11 @@ COLOURS = {OURS: "#00798c", PINOCCHIO: "#d1495b", MUJOCO: "#edae49", FRAX: "#66a
 MARKERS = {OURS: "o", PINOCCHIO: "s", MUJOCO: "D", FRAX: "^", MJX: "v"}
 
 
+# The page on contributing, and the line on it before what is written there.
+TARGETS = pathlib.Path(__file__).parent.parent.parent / "notebooks/contributing.md"
+MARK = "<!-- written by dynamics.py -->"
+
+
 def all_claims(results, shapes):
     return [x for r in results for x in claims(r)] + [x for s in shapes for x in claims_of_shape(s)]
 
@@ -50,7 +56,6 @@ def lines(results, shapes, left_out, machine):
     yield "\n## What the rows are\n"
     yield from NOTES
     yield from (f"- Left out: {x}." for x in left_out)
-    yield from _lines_of_claims(all_claims(results, shapes))
 
 
 NOTES = (
@@ -81,6 +86,34 @@ def told(claim):
     return f"{number(claim.found)} {claim.unit}".rstrip()
 
 
+def lines_of_targets(found):
+    """For the page on contributing: of all claims what is asked, and what was measured."""
+    yield f"{sum(x.is_met for x in found)} of {len(found)} were met when it was last measured; the others are bold."
+    robots = [x for x in found if ", " in x.where]
+    columns = list(dict.fromkeys(x.where for x in robots))
+    if columns:
+        yield f"\n| | {' | '.join(columns)} |\n|{'---|' * (len(columns) + 1)}"
+    by_place = {(x.what, x.where): _cell_of_target(x) for x in robots}
+    for what in dict.fromkeys(x.what for x in robots):
+        yield f"| {what} | {' | '.join(by_place.get((what, where), '') for where in columns)} |"
+    others = [x for x in found if ", " not in x.where]
+    if others:
+        yield "\n| | | |\n|---|---|---|"
+        yield from (f"| {x.where} | {x.what} | {_cell_of_target(x)} |" for x in others)
+
+
+def _cell_of_target(claim):
+    cell = f"{told(claim)}, {asked(claim)}"
+    return cell if claim.is_met else f"**{cell}**"
+
+
+def with_targets(page, found):
+    """The text of the page on contributing, with these targets at its end."""
+    kept, mark, _ = page.partition(MARK)
+    assert mark, f"the page has no line {MARK}"
+    return "\n".join([kept + mark, "", *lines_of_targets(found), ""])
+
+
 def number(x):
     return f"{x:.3g}" if x < 1000 else f"{x:.0f}"
 
@@ -88,15 +121,6 @@ def number(x):
 def spread(seconds, scale=1e6):
     low, middle, high = (number(x) for x in np.quantile(seconds, [0.1, 0.5, 0.9]) * scale)
     return f"{middle} ({low}-{high})"
-
-
-def _lines_of_claims(found):
-    yield "\n## Targets of the developers\n"
-    yield f"{sum(x.is_met for x in found)} of {len(found)} are met.\n"
-    yield "| | | asked | measured | |\n|---|---|---|---|---|"
-    for x in found:
-        verdict = "met" if x.is_met else "**NOT MET**"
-        yield f"| {x.where} | {x.what} | {asked(x)} | {told(x)} | {verdict} |"
 
 
 def _lines_of_times(result):
@@ -119,14 +143,13 @@ def _lines_of_times(result):
 def _lines_of_compiling(results):
     who = list(dict.fromkeys(case.who for r in results for case in r.compiling))
     yield "\n## Seconds to trace and to compile, cold\n"
-    yield f"| | | {' | '.join(f'{x}: trace | compile | both' for x in who)} | asked |\n|{'---|' * (3 + 3 * len(who))}"
+    yield f"| | | {' | '.join(f'{x}: trace | compile | both' for x in who)} |\n|{'---|' * (2 + 3 * len(who))}"
     for result in results:
         # Of a batch of the same size where there is one: MJX runs on fewer.
         for algorithm in dict.fromkeys(case.algorithm for case in result.compiling):
             found = [_of_largest(result, algorithm, x) for x in who]
             cells = [_cells(x) for x in found]
-            limit = asked_seconds(result.robot, algorithm)
-            yield f"| {result.robot}, {result.dtype} | {algorithm} | {' | '.join(cells)} | {limit or ''} |"
+            yield f"| {result.robot}, {result.dtype} | {algorithm} | {' | '.join(cells)} |"
 
 
 def _of_largest(result, algorithm, who):
