@@ -98,7 +98,9 @@ def _draw_robot(figure, place, look: Look):
     ax.set_axis_off()
     steps = f"{look.steps:,.0f} steps a second, batch {STATES}"
     gradients = f"{look.gradients:,.0f} gradients a second, batch {GRADIENTS}"
-    ax.set_title(f"A quadruped, pushed: {steps};\n{gradients}", fontsize="medium")
+    ax.set_title("A quadruped, pushed")
+    # Beneath it, as titles as wide as this would reach into those beside it.
+    ax.text2D(0.5, 0.0, f"{steps}\n{gradients}", transform=ax.transAxes, ha="center", va="bottom", fontsize=_SMALL)
 
 
 def _places(result, dtypes):

@@ -81,8 +81,9 @@ compensated   as if computed with twice the digits, then rounded once
 What a state in float32 loses from step to step, as in the last two rows,
 no precision gives back: take float64 there.
 
-Another precision: js.shift(F, p, precision="compensated"). The robot:
-jaxspatial demo. All operations, dtypes and errors, in minutes: --full
+Another precision: js.shift(F, p, precision="compensated")
+The robot, in a browser: python -m jaxspatial demo, after pip install ".[view]"
+All operations, dtypes and errors, in minutes: --full
 """
 _ONE, _THREE = "  {:<66} {:>11}", "  {:<39} {:>11} {:>12} {:>11}"
 

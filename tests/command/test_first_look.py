@@ -2,11 +2,13 @@
 
 import sys
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxspatial as js
-from jaxspatial.command import algorithms, first_look, quadruped
+from jaxspatial.command import algorithms, demo, first_look, quadruped
 from jaxspatial.command.main import main
 from tests.helpers.soon import compiled_soon
 
@@ -34,6 +36,27 @@ def test_it_stands_until_it_is_pushed_and_stays_on_its_feet(motion):
     np.testing.assert_allclose(standing, [0, 0, weight], atol=0.15 * weight)
 
 
+@pytest.mark.slow
+def test_the_demo_is_of_a_robot_that_stands_twice_and_then_lies_on_the_ground():
+    """Not one that sinks into it."""
+    mech, q, (touching, _) = quadruped.pushed(demo._SECONDS, demo._PUSHES, may_fall=True)
+    upright = 1 - 2 * (q[:, 1] ** 2 + q[:, 2] ** 2)
+    begins = [round(begin / float(quadruped.DT)) for begin, *_ in demo._PUSHES]
+    assert (upright[: begins[2]] > 0.8).all() and (upright[begins[1:]] > 0.95).all() and upright[-1] < 0
+    assert (q[:, 6] > 0.03).all() and abs(q[:, 4:6]).max() < 1.0
+    weight = 9.81 * float(np.sum(mech.inertias.mass))
+    np.testing.assert_allclose(np.asarray(touching.wrenches.f)[-100:].sum(1).mean(0)[2], weight, rtol=0.1)
+
+
+def test_a_leg_in_the_air_comes_to_rest():
+    """The dampers of the controller do not drive it: they are implicit."""
+    mech, (q, v) = quadruped.mechanism(), quadruped.standing()
+    q = q + np.eye(19, dtype=np.float32)[6] + np.float32(0.2) * (np.arange(19) > 6)
+    step = jax.jit(lambda _, x: quadruped.step(mech, *x, jnp.zeros(3))[:2])
+    q, v = jax.lax.fori_loop(0, 60, step, (q, v))
+    assert q[6] > 0.5 and abs(v[6:]).max() < 1
+
+
 def test_shapes_are_on_its_links(motion):
     """The file can be shown: primitives, no meshes elsewhere."""
     assert "<mesh" not in quadruped.FILE.read_text() and set(quadruped.FEET.frames) <= set(motion[0].frame_names)
@@ -43,7 +66,7 @@ def test_shapes_are_on_its_links(motion):
 def test_the_demo_is_a_recording(motion, tmp_path, monkeypatch, capsys):
     """With the shapes of the robot, its pushes and the forces on its feet; of a shorter motion here."""
     pytest.importorskip("viser")
-    monkeypatch.setattr(quadruped, "pushed", lambda *_: motion)
+    monkeypatch.setattr(quadruped, "pushed", lambda *_, **__: motion)
     monkeypatch.chdir(tmp_path)
     assert main(["demo", "--record", "push.viser"]) == 0
     assert "recording: push.viser" in capsys.readouterr().out and (tmp_path / "push.viser").stat().st_size > 10_000
