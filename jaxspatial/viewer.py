@@ -128,8 +128,8 @@ def record(
 
     Args:
         mech, q, dt, shapes, forces, frames, ground, contacts: as of `show`.
-        path: where to write; ".html" makes a page with all it needs, some MB; ".viser" the recording alone, for a
-            client of viser that is there already.
+        path: where to write; ".html" makes a page with all it needs, some MB, dark where the browser or the page
+            around it is; ".viser" the recording alone, for a client of viser that is there already.
 
     Returns:
         The path.
@@ -153,11 +153,24 @@ def record(
         for i in scene.times() if scene.n > 1 else ():
             scene.draw(i)
             recording.insert_sleep(1 / _FRAMES_PER_SECOND)
-        path.write_bytes(recording.as_html().encode() if path.suffix == ".html" else recording.serialize())
+        page = path.suffix == ".html"
+        path.write_bytes(_as_page(recording).encode() if page else recording.serialize())
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             scene.server.stop()
     return path
+
+
+# Whether a page is dark: as the page that shows it in a frame, if that has a theme, or else as the browser is set.
+_IS_DARK = (
+    '(window.frameElement?.ownerDocument.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)")'
+    '.matches ? "dark" : "light")) === "dark"'
+)
+
+
+def _as_page(recording: Any) -> str:
+    """As viser writes it, but for its ground, which is white there or black, wherever the page is shown."""
+    return recording.as_html().replace("_CONFIG__={darkMode:false}", f"_CONFIG__={{darkMode:{_IS_DARK}}}", 1)
 
 
 class Scene:

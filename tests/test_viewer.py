@@ -335,6 +335,7 @@ def test_a_page_has_all_it_needs(robot, tmp_path, capfd):
     mech, path = robot
     page = viewer.record(mech, FLOAT([0.1, 0.2]), tmp_path / "arm.html", shapes=path).read_text()
     assert "__VISER_EMBED_DATA__" in page and 'src="http' not in page and 'href="http' not in page
+    assert page.count("darkMode:") == 1 and "darkMode:(window.frameElement" in page  # as the page around it, if any
     assert capfd.readouterr().out == ""
 
 
