@@ -228,7 +228,7 @@ def visit_math(self: Any, node: Any) -> None:
 
 
 def visit_displaymath(self: Any, node: Any) -> None:
-    self.body.append(tex2mathml(node.astext(), as_block=True))
+    self.body.append(f'<div class="formula">{tex2mathml(node.astext(), as_block=True)}</div>')
     from docutils import nodes
 
     raise nodes.SkipNode
