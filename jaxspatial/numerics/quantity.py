@@ -163,7 +163,7 @@ class Quantity:
         with np.errstate(all="ignore"):
             return jax.tree.map(converted, self, is_leaf=lambda x: isinstance(x, check.StandIn))
 
-    def at_batch(self, index) -> typing.Self:
+    def at_batch(self, index: typing.Any) -> typing.Self:
         """The items at an index of the batch, as NumPy has it.
 
         Args:

@@ -84,7 +84,7 @@ class Components(Arithmetic, check.StandIn):
         self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
 
     @classmethod
-    def from_array(cls, x, known: Sequence[float | None]) -> Self:
+    def from_array(cls, x: Any, known: Sequence[float | None]) -> Self:
         """The components of x (*batch, n), but for those of which the number is known: `known` has it, or None.
 
             js.Components.from_array(p, (None, None, 0.0))      # what a plane leaves of p
@@ -130,7 +130,7 @@ class Components(Arithmetic, check.StandIn):
         return x
 
     @classmethod
-    def of_array(cls, x) -> Self:
+    def of_array(cls, x: Any) -> Self:
         """Of an array: in one of NumPy, components that are 0, 1 or -1 throughout are known.
 
         Args:
@@ -350,7 +350,7 @@ def _checked(c, name: str, dtype) -> Any:
 # -- Components where arrays are meant, and arrays beside Components ---------------------------------------------------
 
 
-def from_components(x) -> Any:
+def from_components(x: Any) -> Any:
     """Every Components of a tree as one array. All else stays as it is.
 
     What is known goes with any batch, and comes without one where all of it is known.
