@@ -30,7 +30,7 @@ from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.inertia import articulated
 from jaxspatial.numerics.linear import Motion, Wrench
-from jaxspatial.numerics.numbers import Number, constant, is_constant, is_number, mapped, shape_of, where
+from jaxspatial.numerics.numbers import Number, Numbers, constant, is_constant, is_number, mapped, shape_of, where
 from jaxspatial.spatial import algebra
 
 # For each term its velocities or impulses, and None for a term without; their G.
@@ -154,7 +154,7 @@ def _eliminate(link, children: ArticulatedBody) -> tuple[list[VelocityEliminatio
     return eliminated, ArticulatedBody(articulated.shifted(P, -body.r), algebra.shifted_wrench(Z, -body.r))
 
 
-def _accelerate(link, parent: Motion) -> tuple[Any, Motion]:
+def _accelerate(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Motion]:
     """((velocities, the motion of the body, what is left of the impulses of the joint), the motion)."""
     S, r, eliminated = link
     A, found = algebra.shifted_motion(parent, r), list[tuple[Number, Number]]()
@@ -285,7 +285,7 @@ def _to_parent(body, children: Wrench) -> tuple[list[Elimination], Wrench]:
     return eliminated, algebra.shifted_wrench(Z, -r)
 
 
-def _follow(link, parent: Motion) -> tuple[Any, Motion]:
+def _follow(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Motion]:
     """`_accelerate`, where joints have no impulses."""
     S, r, eliminated, G = link
     x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)

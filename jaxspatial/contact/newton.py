@@ -310,7 +310,7 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
     world, terms, lacking = scene.world, scene.terms, at.scalars.lacking
 
     # The direction e.
-    def pushed(term: Term, u, u_free, held: Mask) -> tuple[Any, Any, Any]:
+    def pushed(term: Term, u, u_free, held: Mask):
         """(impulse, G, the impulse of the right side of a direction)."""
         impulse, G = term.law(u, held & is_first)
         return impulse, G, impulse - lacking * term.times_G(G, u_free)

@@ -7,7 +7,7 @@ import dataclasses
 import functools
 import operator
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -232,7 +232,7 @@ def harmonic_mean(a, b) -> jax.Array:
     return 2 * a * (b / jnp.where(a + b == 0, 1, a + b))
 
 
-def _over_one_batch(arrays: Sequence[Any]) -> jax.Array:
+def _over_one_batch(arrays) -> jax.Array:
     """Arrays (*batch, k), which may lack axes of the batch, side by side."""
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in arrays))
     return jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in arrays], -1)

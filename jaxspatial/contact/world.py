@@ -9,7 +9,7 @@ import functools
 import itertools
 import operator
 from collections.abc import Sequence
-from typing import Any, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -373,7 +373,7 @@ def _placed(frame, R_P: Matrix) -> tuple[tuple[Matrix, Vector], Matrix]:
     return (R, matrices.zero_at_root(is_root, R_P @ X_PB.p)), R
 
 
-def _velocity(body, parent: tuple[Motion, ...]) -> tuple[Any, Any]:
+def _velocity(body, parent: tuple[Motion, ...]) -> tuple[tuple[Motion, ...], tuple[Motion, ...]]:
     S, r, fields = body
     found = []
     for V, x in zip(parent, fields, strict=True):
@@ -406,7 +406,7 @@ def _mobility(body, parent: Articulated) -> tuple[Articulated, Articulated]:
     return whole, whole
 
 
-def _reached(body, parent: tuple[Vector, Number]) -> tuple[Any, Any]:
+def _reached(body, parent: tuple[Vector, Number]) -> tuple[tuple[Vector, Number], tuple[Vector, Number]]:
     r, is_root = body
     root, arms = parent
     reach = (r, arms) if is_root else (root, arms + _norm_1(r))
@@ -509,7 +509,7 @@ def tiled(tree: T, n: int, k: int) -> T:
 
 def with_zero_rows(x: jax.Array, places: np.ndarray) -> jax.Array:
     """x[places] (m, B), with rows of zeros for the place len(x)."""
-    pieces = list[Any]()
+    pieces: list = []
     for is_zero, run in itertools.groupby(places.tolist(), lambda k: k >= len(x)):
         rows = list(run)
         shape = len(rows), *x.shape[1:]

@@ -147,14 +147,11 @@ class JointKind:
     def zero_vector(self) -> Vector:
         return Vector(self.zero, self.zero, self.zero)
 
-    def unit_vector(self, k: int) -> Vector:
-        """Axis k of the child."""
-        return Vector(*(constant(self.zero, int(i == k)) for i in range(3)))
-
     @property
     def unit_vectors(self) -> Matrix:
-        """All three axes: the identity."""
-        return Matrix(*map(self.unit_vector, range(3)))
+        """The axes of the child: the identity."""
+        zero, one = constant(self.zero, 0), constant(self.zero, 1)
+        return Matrix(Vector(one, zero, zero), Vector(zero, one, zero), Vector(zero, zero, one))
 
     def turns(self, axes: Iterable[Vector]) -> tuple[Motion, ...]:
         """The motions (axis, 0)."""

@@ -18,7 +18,7 @@ class Planar(JointKind):
     is_sequential, rates_need_angles, turned = False, True, (0, 1)
 
     def transform(self, q: Numbers, cos_sin: CosSin):
-        return Pose(rotation_about(self.unit_vector(2), *cos_sin[2]), Vector(q[0], q[1], self.zero))
+        return Pose(rotation_about(self.unit_vectors.z, *cos_sin[2]), Vector(q[0], q[1], self.zero))
 
     def motion_subspace(self, cos_sin: CosSin):
         x, y, z = self.unit_vectors
