@@ -26,6 +26,7 @@ def test_readers_are_imported_with_what_they_need_at_the_first_call():
 
 
 URDF, MJCF = '<robot name="r"><link name="l"/></robot>', "<!-- -->\n<mujoco/>"
+SDF = "this is an SDF: convert it to a URDF or an MJCF first"
 OTHERS = {
     "a URDF": (
         "from_mjcf",
@@ -37,8 +38,13 @@ OTHERS = {
         MJCF,
         "line 2: <mujoco>: expected <robot>; this is an MJCF: read it with Mechanism.from_mjcf",
     ),
-    "SDF, as URDF": ("from_urdf", "<sdf/>", "line 1: <sdf>: expected <robot>"),
-    "SDF, as MJCF": ("from_mjcf", "<sdf/>", "line 1: <sdf>: expected <mujoco>"),
+    "SDF, as URDF": ("from_urdf", "<sdf/>", f"line 1: <sdf>: expected <robot>; {SDF}"),
+    "SDF, as MJCF": ("from_mjcf", "<sdf/>", f"line 1: <sdf>: expected <mujoco>; {SDF}"),
+    "part of an MJCF": (
+        "from_mjcf",
+        "<mujocoinclude/>",
+        "line 1: <mujocoinclude>: expected <mujoco>; this is a part that models include: read one of these",
+    ),
 }
 
 

@@ -28,6 +28,11 @@ Refuse = Callable[[str, str, str], NoReturn]  # arguments: "body", "joint" or "f
 _BYTE_ORDER_MARK = "\ufeff"
 # {tag of the root element: (what the file is, who reads it)}
 _FORMATS = {"robot": ("a URDF", "from_urdf"), "mujoco": ("an MJCF", "from_mjcf")}
+# {tag of the root element of what no reader takes: what to do}
+_OTHERS = {
+    "sdf": "this is an SDF: convert it to a URDF or an MJCF first",
+    "mujocoinclude": "this is a part that models include: read one of these",
+}
 # How many names of each kind a warning shows.
 _SHOWN = 4
 # What is said before all else.
@@ -126,6 +131,7 @@ class ModelText:
         tag, expected = self.root.tag, {reader: tag for tag, (_, reader) in _FORMATS.items()}[operation]
         if tag != expected:
             hint = "; this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
+            hint = f"; {_OTHERS[tag]}" if tag in _OTHERS else hint
             if strict and tag.endswith(f"}}{expected}"):
                 self.refuse_strictly(self.root, f"expected <{expected}> without a namespace")
             self.refuse_element(self.root, f"expected <{expected}>{hint}")
