@@ -64,6 +64,19 @@ def test_what_compiling_takes():
     assert all(map(is_told, told, [*measured, sum(rollout), sum(gradient)]))
 
 
+def test_what_compiling_of_many_links_takes():
+    text = " ".join((FOLDER / "speed.md").read_text().split())
+    told = re.search(
+        r"takes ([\d.]+) s for 10 links and ([\d.]+) s for 1000\. .*: ([\d.]+) s for four legs and ([\d.]+) s for one, "
+        r"([\d.]+) s for five fingers and ([\d.]+) s for one\.",
+        text,
+    ).groups()
+    sizes = ("chain", "10 links"), ("chain", "1000 links"), ("quadruped", "four legs"), ("quadruped", "one leg")
+    for number, (name, size) in zip(told, (*sizes, ("hand", "five fingers"), ("hand", "one finger")), strict=True):
+        measured = cells("dynamics.md", "## Size", f"{name}, forward dynamics | {size}")[2]
+        assert is_told(number, measured.split()[0]), (name, size)
+
+
 PRODUCTS = {
     "M x": ("mass matrix times a vector, by inverse dynamics", "mass matrix times a vector"),
     "M^-1 x": ("inverse mass matrix times a vector", None),

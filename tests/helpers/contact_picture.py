@@ -26,7 +26,7 @@ def scope():
 def drawn(names):
     figure = Figure(figsize=(9, 5.2))
     box = figure.add_axes((0.05, 0.53, 0.93, 0.42))
-    dog = figure.add_axes((0.02, 0.02, 0.46, 0.5), projection="3d", computed_zorder=False)
+    dog = plot.axes(figure, figure.add_gridspec(1, 1, left=0.02, right=0.48, bottom=0.02, top=0.45)[0])
     gradients = figure.add_axes((0.56, 0.12, 0.42, 0.33))
     _box(box, names)
     _dog(dog, names)
@@ -43,7 +43,7 @@ def _ground(axes, left, right, below):
 def _box(axes, names):
     """Its outline in the plane of motion, from the first to the last, and where it is pressed."""
     q, f = np.asarray(names["path"].q), np.asarray(names["path"].contact_forces.f)
-    _ground(axes, -0.35, 2.4, -0.05)
+    _ground(axes, -0.35, 1.35, -0.05)
     js, corners = names["js"], np.asarray(names["corners"])
     order = [0, 1, 3, 2, 0]
     steps = np.unique(np.round(np.array([0, 0.04, 0.08, 0.12, 0.17, 0.24, 0.36, 1.0]) * (len(q) - 1)).astype(int))
@@ -67,10 +67,9 @@ def _dog(axes, names):
     plot.mechanism(mech, q, axes, ground=js.HalfSpace(), color=DOG)
     forces = jax.tree.map(lambda x: x[-1], names["standing"].contact_forces)
     plot.wrench(forces, js.forward_kinematics(mech, q, feet).translation, axes)
-    axes.set_box_aspect(axes.get_box_aspect(), zoom=1.25)
     axes.view_init(14, -62)
     axes.set_axis_off()
-    axes.set_title("a quadruped that stands, and the forces on its feet", fontsize=10, color=INK, y=0.96)
+    axes.set_title("a quadruped that stands, and the forces on its feet", fontsize=10, color=INK)
 
 
 def _gradients(axes, names):

@@ -6,6 +6,7 @@ import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
 
+from jaxspatial import plot
 from tests.helpers.pages import FOLDER, run_page
 
 FILE = FOLDER / "inverse_kinematics.png"
@@ -15,7 +16,7 @@ NAMES = ("all terms", "without mu", "without a posture")
 
 def drawn(names):
     figure = Figure(figsize=(9, 3.1))
-    _swing(figure.add_axes((-0.03, -0.06, 0.36, 1.06), projection="3d"), names)
+    _swing(plot.axes(figure, figure.add_gridspec(1, 1, left=0.01, right=0.31, bottom=0.03, top=0.84)[0]), names)
     _circle(figure.add_axes((0.37, 0.15, 0.27, 0.72)), names)
     _errors(figure.add_axes((0.74, 0.15, 0.24, 0.72)), names)
     return figure
@@ -35,11 +36,12 @@ def _swing(axes, names):
         axes.plot(*p.T, color=PALE if k == 0 else ARM, lw=3, alpha=1 if k in (0, 5) else 0.2)
     axes.scatter(*p[-1], color=HAND, s=30, depthshade=False)
     axes.set(xlim=(-0.3, 0.3), ylim=(-0.45, 0.15), zlim=(0, 0.8), xticks=[], yticks=[], zticks=[0, 0.5])
-    axes.set_box_aspect((0.6, 0.6, 0.8), zoom=0.95)
+    axes.set_box_aspect((0.6, 0.6, 0.8))
     axes.tick_params(labelsize=7)
-    axes.set_title(
-        f"the hand stays: {float(names['gained']):.1f} times\nthe manipulability", fontsize=9, color=INK, y=0.93
-    )
+    axes.set(xlabel="", ylabel="")
+    axes.set_zlabel("z, m", fontsize=8)
+    gained = float(names["gained"])
+    axes.set_title(f"the hand stays: {gained:.1f} times\nthe manipulability", fontsize=9, color=INK)
 
 
 def _circle(axes, names):

@@ -46,8 +46,8 @@ def drawn(names):
             axes.plot(*p[k, [a, b]].T, color=FAINT, lw=1, solid_capstyle="round")
     axes.plot(*middle.T, color=PATH, lw=1.5)
     for name, color, (a, b), aside in (
-        ("crank", CRANK, (0, 1), (-0.08, -0.06)),
-        ("coupler", COUPLER, (1, 2), (0, 0.07)),
+        ("crank", CRANK, (0, 1), (-0.12, -0.03)),
+        ("coupler", COUPLER, (1, 2), (-0.02, 0.12)),
         ("rocker", ROCKER, (3, 4), (0.06, 0)),
     ):
         axes.plot(*p[0, [a, b]].T, color=color, lw=4, solid_capstyle="round")
@@ -59,7 +59,7 @@ def drawn(names):
     pin = p[0, 2]
     axes.plot(*pin, "o", color=INK, ms=9, zorder=4)
     axes.annotate("the pin: a closure", pin, pin + [-0.15, 0.12], fontsize=10, color=INK, va="center")
-    axes.text(-0.6, 0.62, "path of the\nmiddle of the coupler", fontsize=10, color=PATH)
+    axes.text(-0.72, 0.66, "path of the\nmiddle of the coupler", fontsize=10, color=PATH)
     axes.set(aspect="equal", xlim=(-0.75, 1.9), ylim=(-0.62, 1.2))
     axes.axis("off")
     return figure
