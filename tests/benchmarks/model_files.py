@@ -349,7 +349,7 @@ def report(rows, before):
         counts = (
             len(group),
             sum(row["peer"] == "loads" for row in asked) if asked else "",
-            sum(row["ours"] == "loads" for row in old if row) if before else "",
+            sum(row["ours"] == "loads" for row in old if row) if all(old) else "",
             sum(row["ours"] == "loads" for row in group),
             len(compared) if asked else "",
             f"{max(compared):.1e}" if compared else "",
