@@ -21,7 +21,7 @@ from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
 from jaxspatial.numerics.numbers.layout import stack
 from jaxspatial.numerics.numbers.rounded import Arithmetic, Rounded, is_known, quietly, uniform
 from jaxspatial.numerics.precision import Precision
-from jaxspatial.numerics.types import DTypeLike
+from jaxspatial.numerics.types import ArrayLike, DTypeLike
 
 _INTEGERS: tuple[type, ...] = int, np.integer
 
@@ -84,7 +84,7 @@ class Components(Arithmetic, check.StandIn):
         self.structure = _Structure(known, None if self.data else np.dtype(components[0].dtype).name)
 
     @classmethod
-    def from_array(cls, x: Any, known: Sequence[float | None]) -> Self:
+    def from_array(cls, x: ArrayLike, known: Sequence[float | None]) -> Self:
         """The components of x (*batch, n), but for those of which the number is known: `known` has it, or None.
 
             js.Components.from_array(p, (None, None, 0.0))      # what a plane leaves of p
@@ -130,7 +130,7 @@ class Components(Arithmetic, check.StandIn):
         return x
 
     @classmethod
-    def of_array(cls, x: Any) -> Self:
+    def of_array(cls, x: jax.Array | np.ndarray) -> Self:
         """Of an array: in one of NumPy, components that are 0, 1 or -1 throughout are known.
 
         Args:
@@ -350,7 +350,7 @@ def _checked(c, name: str, dtype) -> Any:
 # -- Components where arrays are meant, and arrays beside Components ---------------------------------------------------
 
 
-def from_components(x: Any) -> Any:
+def from_components(x: object) -> Any:
     """Every Components of a tree as one array. All else stays as it is.
 
     What is known goes with any batch, and comes without one where all of it is known.

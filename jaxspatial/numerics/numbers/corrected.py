@@ -84,9 +84,10 @@ class Corrected(Number):
 
     def _operated(self, operation: Callable, other, is_reflected: bool = False):
         """A known 0, and a factor that is known to be a power of two, leave no operation of limbs behind."""
-        if isinstance(other, Sequence):
-            return NotImplemented  # A vector, which knows its multiples itself.
-        other = other if isinstance(other, Corrected) else Corrected(self.dtype.type(other))
+        if not isinstance(other, Corrected):
+            if isinstance(other, Sequence):
+                return NotImplemented  # A vector, which knows its multiples itself.
+            other = Corrected(self.dtype.type(other))
         a, b = (other, self) if is_reflected else (self, other)
         if operation is operator.sub:
             operation, b = operator.add, -b

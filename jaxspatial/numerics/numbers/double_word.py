@@ -287,7 +287,7 @@ def _shown(limb) -> str:
 # -- arrays and trees --------------------------------------------------------------------------------------------------
 
 
-def to_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
+def to_double_word(x: object, dtype: DTypeLike | None = None) -> Any:
     """Every floating-point array of a tree as a DoubleWord: state carried at twice the precision across operations.
 
         state = js.to_double_word(state)
@@ -331,7 +331,7 @@ def _as_double_word(leaf, dtype: DTypeLike | None):
     return x if dtype is None else x.astype(dtype)
 
 
-def from_double_word(x: Any, dtype: DTypeLike | None = None) -> Any:
+def from_double_word(x: object, dtype: DTypeLike | None = None) -> Any:
     """Every DoubleWord of a tree as one array: hi + lo, rounded once. All else stays as it is.
 
     Args:
