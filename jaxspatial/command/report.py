@@ -82,7 +82,7 @@ What a state in float32 loses from step to step, as in the last two rows,
 no precision gives back: take float64 there.
 
 Another precision: js.shift(F, p, precision="compensated")
-The robot, in a browser: python -m jaxspatial demo, after pip install ".[view]"
+The robot, in a browser: python -m jaxspatial demo, after pip install ".\\[view]"
 All operations, dtypes and errors, in minutes: --full
 """
 _ONE, _THREE = "  {:<66} {:>11}", "  {:<39} {:>11} {:>12} {:>11}"
