@@ -22,11 +22,11 @@ _TOUCH: Any = {"stiffness": np.float32(2e4), "relaxation_time": np.float32(0.01)
 FEET = PointContacts([f"{leg}_foot" for leg in _LEGS], radius=np.float32(0.02), **_TOUCH)
 # Spheres at the corners of the trunk, as the file shows it.
 _CORNER = np.float32(0.01)
-_CORNERS = [np.float32(p) for p in itertools.product((-0.18, 0.18), (-0.07, 0.07), (-0.04, 0.04))]
+_CORNERS = [np.array(p, np.float32) for p in itertools.product((-0.18, 0.18), (-0.07, 0.07), (-0.04, 0.04))]
 # What touches the ground when it falls.
 BODY = PointContacts(
     [*FEET.frames, *(f"{leg}_hip" for leg in _LEGS), *map("corner_{}".format, range(8))],
-    radius=np.repeat(np.float32([0.02, 0.045, _CORNER]), [4, 4, 8]),
+    radius=np.repeat(np.array([0.02, 0.045, _CORNER], np.float32), [4, 4, 8]),
     **_TOUCH,
 )
 GROUND = HalfSpace(np.array([0, 0, 1], np.float32), np.float32(0))
@@ -38,7 +38,7 @@ def mechanism() -> Mechanism:
     """The robot, floating, with numbers of float32. The dampers of the controller are in its joints, with those of the
     file: steps treat them implicitly, while torques by -v of this size make a shank in the air swing ever more."""
     mech = Mechanism.from_urdf(FILE.read_text(), floating_base=True, dtype=np.float32)
-    return mech.replace(damping=mech.damping + np.repeat(np.float32([0, _DAMPING]), [6, 12]))
+    return mech.replace(damping=mech.damping + np.repeat(np.array([0, _DAMPING], np.float32), [6, 12]))
 
 
 def whole() -> Mechanism:
