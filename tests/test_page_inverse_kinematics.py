@@ -43,6 +43,7 @@ def test_what_the_page_tells_of_a_thousand():
     _assert_told(page(as_read=True))
 
 
+@pytest.mark.slow
 def test_solutions_are_poses_of_the_hand(names):
     """By another logarithm: angle and distance from matrices in NumPy."""
     panda, q = names["panda"], np.asarray(names["q"])

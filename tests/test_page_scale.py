@@ -43,6 +43,7 @@ def _on_eight_devices(tmp_path, sizes):
     assert out.strip().endswith(" 8")
 
 
+@pytest.mark.slow
 def test_on_eight_devices(tmp_path):
     """Its assertions: the same bits, no collective operation, blocks of a file, a checkpoint for fewer devices."""
     _on_eight_devices(tmp_path, {"WRENCHES": 8000, "STATES": 8192, "BLOCK": 3000})

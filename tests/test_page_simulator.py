@@ -30,6 +30,7 @@ def _holds(numbers):
     assert 0.4 < numbers["share_on_front_paws"] < 0.5
 
 
+@pytest.mark.slow
 def test_fifteen_lines_and_the_step():
     """A dog stands on hills; the step of the page is traced, for what follows is made of it."""
     printed, names = begun("04_a_simulator", "## Many environments", environments=2)

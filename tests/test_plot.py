@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from tests.helpers.marks import slow
 from tests.helpers.soon import compiled_soon
 
 pyplot = pytest.importorskip("matplotlib.pyplot")
@@ -412,7 +413,7 @@ def painted(ax):
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize("elevation", [90, -90])
+@pytest.mark.parametrize("elevation", [90, slow(-90)])
 def test_what_is_nearer_covers(tmp_path, elevation):
     """A wide red box above a small blue one, from above and from below; edges keep flat faces flat."""
     pytest.importorskip("yourdfpy")

@@ -189,7 +189,8 @@ REDUNDANT = {
 
 
 # Of the arms, whose twelve or nine rows are those of a weld, others tell the same in less time.
-OF_ARMS = [pytest.param(*x, id=k, marks=[pytest.mark.slow] if x[0] == "arms" else []) for k, x in REDUNDANT.items()]
+LONG = "twice", "three times", "a weld and a ball"
+OF_ARMS = [pytest.param(*x, id=k, marks=[pytest.mark.slow] if k in LONG else []) for k, x in REDUNDANT.items()]
 
 
 @pytest.mark.parametrize(("name", "more"), OF_ARMS)
@@ -297,6 +298,7 @@ def test_precisions(precision):
     assert abs(found - expected).max() <= 1e-12 * abs(expected).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["four-bar", slow("hinges")])
 def test_derivatives_of_dynamics(name):
     """Forward and reverse ones agree, and are differences: of the state, of tau, of masses and of where bodies are. Of

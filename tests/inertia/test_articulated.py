@@ -403,6 +403,7 @@ def test_two_links_move_as_dense_algebra_says():
 # -- transformations, trees, messages ---------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @compiled_as_for_users()
 def test_batches_transformations_and_derivatives():
     """Compiled for one item and mapped, a chain of operations has the bits of NumPy; its tangents are differences of

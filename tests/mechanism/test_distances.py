@@ -304,7 +304,9 @@ def line(a, b):
     return moved
 
 
-each_of_all = of_pairs(*PAIRS, *(pytest.param(x, marks=pytest.mark.slow) for x in OF_CYLINDERS))
+# A box beside a capsule is a capsule beside a box.
+SLOW = PAIRS[2], *OF_CYLINDERS
+each_of_all = of_pairs(*(x for x in PAIRS if x not in SLOW), *(pytest.param(x, marks=pytest.mark.slow) for x in SLOW))
 
 
 @each_of_all

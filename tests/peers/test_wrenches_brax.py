@@ -122,6 +122,7 @@ def test_the_step_of_brax_has_our_accelerations():
     np.testing.assert_allclose(step(states, q, forces), expected, rtol=0, atol=2.0**-15 * abs(expected).max())
 
 
+@pytest.mark.slow
 def test_the_world_does_not_move_and_other_names_are_refused():
     sys, *_, states = case()
     F = js.SpatialForce(np.ones((N, 3), np.float32), np.ones((N, 3), np.float32))

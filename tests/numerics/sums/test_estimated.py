@@ -36,7 +36,7 @@ def _estimate(pairs, dtype):
         return np.asarray(jax.jit(run)(pairs))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("dtype", ["float32", slow("float64")])
 def test_what_is_given_is_faithful(dtype):
     """At every condition number: of those in between some are given and some are not."""
     shares = []
