@@ -145,7 +145,7 @@ class Components(Arithmetic, check.StandIn):
             >>> js.Components.of_array(np.float32([0.0, 1.0, 0.5]))
             Components(0.0, 1.0, Array(0.5))
         """
-        columns = [x[..., i] for i in range(x.shape[-1])]
+        columns: list[Any] = [x[..., i] for i in range(x.shape[-1])]
         if not isinstance(x, np.ndarray):
             return cls.of(columns)
         numbers = map(uniform, columns)
