@@ -160,8 +160,12 @@ RUN = [pytest.param(x, marks=[pytest.mark.slow] if x in SLOW else []) for x in s
 
 
 # Brax reads attributes that MJX has moved, and says that it is no longer developed.
-@pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning")
-@pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
+with_brax = pytest.mark.filterwarnings(
+    "ignore:Accessing .* from `Data` is deprecated:DeprecationWarning", "ignore:Brax System, piplines:UserWarning"
+)
+
+
+@with_brax
 @pytest.mark.parametrize("name", RUN)
 def test_an_example_prints_what_it_says(name, names, monkeypatch, tmp_path):
     said = _said(name, names, monkeypatch, tmp_path)
@@ -169,8 +173,7 @@ def test_an_example_prints_what_it_says(name, names, monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:Accessing .* from `Data` is deprecated:DeprecationWarning")
-@pytest.mark.filterwarnings("ignore:Brax System, piplines:UserWarning")
+@with_brax
 @pytest.mark.parametrize("name", [param.values[0] for param in RUN])
 def test_an_example_runs_with_64_bit_types_on(name, monkeypatch, tmp_path):
     """What it prints has more digits, or other ones at the end."""

@@ -1,6 +1,6 @@
-"""XLA's way: what is done to a trace before XLA compiles it, where machine code of our own cannot be called.
+"""Prepares a trace for XLA, which compiles it where machine code of our own cannot be called.
 
-The results have the same bits, and XLA takes seconds where it would take minutes.
+Results keep the bits of that code, and XLA takes seconds where it would take minutes.
 """
 
 import functools
@@ -87,7 +87,7 @@ def _cholesky(A: jax.Array, **_) -> jax.Array:
     i, j = (lax.broadcasted_iota(np.int32, A.shape, axis) for axis in (A.ndim - 2, A.ndim - 1))
 
     def turn(k: jax.Array, A: jax.Array) -> jax.Array:
-        """Column k becomes that of L, and what it explains is subtracted from those behind it."""
+        """Column k becomes that of L, and its products are subtracted from the columns behind it."""
         column = lax.dynamic_index_in_dim(A, k, -1)
         square = lax.dynamic_index_in_dim(column, k, -2)
         pivot = jnp.where(square > 0, barrier.root(square), np.array(np.nan, A.dtype))
@@ -105,7 +105,7 @@ def _triangular_solve(a: jax.Array, b: jax.Array, **how) -> jax.Array:
     is_forward, i = how["lower"] != is_transposed, lax.broadcasted_iota(np.int32, x.shape, x.ndim - 2)
 
     def turn(k: jax.Array, x: jax.Array) -> jax.Array:
-        """Row k of x is known, and what it explains is subtracted from the rows that come after it."""
+        """Row k becomes that of x, and its products are subtracted from the rows that come after it."""
         k = k if is_forward else n - 1 - k
         column, row = lax.dynamic_index_in_dim(a, k, -1), lax.dynamic_index_in_dim(x, k, -2)
         if not how["unit_diagonal"]:

@@ -299,7 +299,7 @@ def test_precisions(precision):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["four-bar", slow("hinges")])
+@pytest.mark.parametrize("name", ["four-bar", "hinges"])
 def test_derivatives_of_dynamics(name):
     """Forward and reverse ones agree, and are differences: of the state, of tau, of masses and of where bodies are. Of
     the planar linkage, which is held three times over, in its plane: rows depend on others there."""

@@ -328,7 +328,6 @@ def test_a_mimic_that_stands_still_is_welded():
     np.testing.assert_allclose(found[1].f, expected[1].f, rtol=0, atol=1e-6 * abs(expected[1].f).max())
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("between", [False, slow(True)])
 def test_derivatives_with_mimics(between):
     """By q, v, tau, multipliers and offsets, against differences; forward and reverse agree."""

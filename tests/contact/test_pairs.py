@@ -489,7 +489,6 @@ def test_a_distance_of_ones_own_is_the_shape_that_it_is():
                 np.testing.assert_allclose(x, y, rtol=0, atol=1e-9 * max(1, abs(y).max()))
 
 
-@pytest.mark.slow
 def test_frames_of_the_world_take_part():
     """A shape on the world as the ground that it is; spheres on the world in a shape that falls on them; and in one
     step with a pair of two bodies, whose order differs: the optimum, and forces on the bodies of b."""

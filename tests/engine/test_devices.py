@@ -12,7 +12,6 @@ from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from tests.helpers.interpreted import interpreted
-from tests.helpers.marks import slow
 from tests.helpers.processes import python
 from tests.helpers.soon import compiled_soon
 
@@ -65,7 +64,7 @@ CONTACT_CASES = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cases", ["CASES", *map(slow, ("MORE_CASES", "CONTACT_CASES"))])
+@pytest.mark.parametrize("cases", ["CASES", "MORE_CASES", "CONTACT_CASES"])
 def test_states_stay_on_their_device(cases):
     done = python(__file__, cases, n_devices=N_DEVICES)
     assert done.stdout.split() == ["True"] * (len(globals()[cases]) + 1 + (cases == "CASES"))

@@ -11,7 +11,6 @@ import pytest
 import jaxspatial as js
 from jaxspatial.engine import cpu
 from jaxspatial.numerics.errorfree import barrier
-from tests.helpers.marks import slow_but
 
 N, DT = 5, np.float32(1e-3)
 MECH = js.testing.random_mechanism(3, 6, ["revolute", "prismatic", "ball"], dtype=np.float32)
@@ -45,7 +44,7 @@ def text(function, *arguments, platform="cuda"):
 
 # By default the one with the most operations, of which the others have parts.
 @pytest.mark.slow
-@pytest.mark.parametrize("name", slow_but(["forward dynamics"], OF_STATES))
+@pytest.mark.parametrize("name", OF_STATES)
 def test_what_xla_compiles_has_the_bits_of_machine_code(name, monkeypatch):
     """Those of the algorithms; sums of cotangents are in another order, and contact solves to a tolerance."""
     function, arguments = OF_STATES[name], states()

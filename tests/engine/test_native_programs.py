@@ -21,7 +21,7 @@ import jaxspatial as js
 from jaxspatial.engine import cpu, graph, llvm_ir, program
 from tests.engine.test_cpu import in_order
 from tests.helpers import exact_dynamics
-from tests.helpers.marks import slow
+from tests.helpers.marks import slow, slow_but
 from tests.helpers.processes import python
 
 if not cpu.is_available():
@@ -190,32 +190,30 @@ def _checkpoint(q, v, tau):
 
 # Functions, and whether XLA compiles them in the default run. All are compared with graphs there.
 TRANSFORMED = (
-    (_inverse, False),
-    (_vmap_of_vmap, False),
-    (_shared, False),
-    (_of_data, False),
-    (_of_masses, False),
-    (_jvp, False),
-    (_vjp, False),
-    (_vjp_of_shared, False),
-    (_grad, False),
-    (_hessian, False),
-    (_scan, True),
-    (_gradient_of_scan, False),
-    (_while, False),
-    (_cond, False),
-    (_checkpoint, False),
+    _inverse,
+    _vmap_of_vmap,
+    _shared,
+    _of_data,
+    _of_masses,
+    _jvp,
+    _vjp,
+    _vjp_of_shared,
+    _grad,
+    _hessian,
+    _scan,
+    _gradient_of_scan,
+    _while,
+    _cond,
+    _checkpoint,
 )
 
 
-@pytest.mark.parametrize("function", [slow(f) if f is _gradient_of_scan else f for f, _ in TRANSFORMED])
+@pytest.mark.parametrize("function", [slow(f) if f is _gradient_of_scan else f for f in TRANSFORMED])
 def test_transformations_have_the_bits_of_graphs(function):
     compared(function, *states(*(3, 7) if function is _vmap_of_vmap else (17,)), ways=["numpy"])
 
 
-@pytest.mark.parametrize(
-    "function", [f if is_soon else slow(f) for f, is_soon in TRANSFORMED if f is not _vjp_of_shared]
-)
+@pytest.mark.parametrize("function", slow_but([_scan], [f for f in TRANSFORMED if f is not _vjp_of_shared]))
 def test_transformations_have_the_bits_of_xla(function):
     compared(function, *states(*(3, 7) if function is _vmap_of_vmap else (17,)), ways=["xla"])
 
@@ -503,7 +501,7 @@ def test_forked_processes(tmp_path):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("function", "kind"),
-    [("_inverse", "Auto"), slow("mapped", "Auto"), slow("mapped", "Explicit"), slow("summed", "Auto")],
+    [("_inverse", "Auto"), ("mapped", "Auto"), ("mapped", "Explicit"), ("summed", "Auto")],
 )
 def test_devices(function, kind):
     """Machine code on each of four devices, for its own states. `test_devices` has more functions."""
