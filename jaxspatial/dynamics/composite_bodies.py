@@ -3,11 +3,13 @@
 [Walker, Orin 1982; Featherstone 2008, table 6.2]
 """
 
+from collections.abc import Callable
 from typing import cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import lax
 
 from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.engine import matrices, recursion, stacking
@@ -15,9 +17,11 @@ from jaxspatial.engine.algorithm import BODIES, algorithm
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.composition import combined
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics import check, elimination
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
-from jaxspatial.numerics.numbers import Number, is_constant, shape_of, where
+from jaxspatial.numerics.numbers import Number, Numbers, Rounded, high, is_constant, shape_of, where
+from jaxspatial.numerics.precision import Precision
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import tree
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -237,6 +241,45 @@ def factored(M: jax.Array) -> MassMatrixFactor:
         return MassMatrixFactor(M)
     backward = cast(jax.Array, jnp.linalg.cholesky(jnp.flip(_wide(M), (-2, -1))))
     return MassMatrixFactor(jnp.flip(backward, (-2, -1)).swapaxes(-1, -2).astype(M.dtype))
+
+
+def solver(topology: Topology, M: jax.Array, precision: Precision) -> Callable[[jax.Array], jax.Array]:
+    """A function of B (nv, k) that computes M^-1 B, of one state, in operations on single numbers: for programs of
+    machine code.
+
+    Sums and products are rounded to the dtype of M (float32 for 16-bit types) in every precision. Where a pivot is not
+    positive, all results for the tree of its velocity are NaN.
+    """
+    carriers, n = _carriers(topology), topology.nv
+
+    def numbers_of(array: jax.Array) -> Numbers:
+        return tuple(Rounded(precision.of_one_limb, x) for x in jnp.unstack(array))
+
+    entries = numbers_of(_wide(M).reshape(-1))
+    lower = [{i: entries[k * n + i] for i in (*before, k)} for k, before in enumerate(carriers)]
+    factors = elimination.tree_factors(lower, carriers)
+
+    def solved(column: jax.Array) -> jax.Array:
+        return jnp.stack([*map(high, elimination.solve_tree(factors, carriers, numbers_of(column)))])
+
+    return lambda B: lax.map(solved, _wide(B).T).T.astype(M.dtype)
+
+
+def products_to_factor(topology: Topology) -> int:
+    """How many products `solver` takes to factor M."""
+    return sum(len(before) * (len(before) + 1) // 2 for before in _carriers(topology))
+
+
+def _carriers(topology: Topology) -> list[list[int]]:
+    """For each velocity those before it that M couples with it: of its own joint and of those that carry it. Velocities
+    of mimics belong to several joints; then all are taken."""
+    if topology.has_mimics:
+        return [[*range(k)] for k in range(topology.nv)]
+    carriers = list[list[int]]()
+    for i in range(len(topology)):
+        way = [k for body in topology.ancestors(i) for k in range(topology.nv)[topology.v_slice(body)]]
+        carriers += ([k for k in way if k < own] for own in range(topology.nv)[topology.v_slice(i)])
+    return carriers
 
 
 def _wide(x) -> jax.Array:

@@ -7,16 +7,20 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.dynamics.bounds import ALGORITHM
-from jaxspatial.dynamics.composite_bodies import factored
+from jaxspatial.dynamics.composite_bodies import factored, products_to_factor, solver
 from jaxspatial.dynamics.configuration import integrate
 from jaxspatial.dynamics.derivatives import derivatives
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics
 from jaxspatial.engine.algorithm import ExternalForces, checked, checked_mechanism
+from jaxspatial.engine.composite import composite
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
+
+Scene = tuple[Mechanism]
 
 
 @exported
@@ -137,8 +141,9 @@ def forward_dynamics_derivatives(
         dvdot_dq = -M^-1 dtau_dq        dvdot_dv = -M^-1 dtau_dv        dvdot_dtau = M^-1
 
     The derivatives of inverse dynamics are taken at the accelerations of `forward_dynamics`. M is factored in the dtype
-    of q in every precision. For a product with one vector `jax.jvp` or `jax.vjp` of `forward_dynamics` is faster,
-    several times for a humanoid.
+    of q (float32 for 16-bit types) in every precision. All of it is one program, but for long chains, whose M a library
+    factors. For a product with one vector `jax.jvp` or `jax.vjp` of `forward_dynamics` is faster, several times for a
+    humanoid.
 
     Args:
         mechanism: the mechanism, see `Mechanism`.
@@ -150,8 +155,8 @@ def forward_dynamics_derivatives(
         precision: name of a precision; None takes the default.
 
     Returns:
-        ForwardDynamicsDerivatives, (*batch, nv, nv) each, dvdot_dq as in `inverse_dynamics_derivatives`; NaN for
-        velocities without inertia.
+        ForwardDynamicsDerivatives, (*batch, nv, nv) each, dvdot_dq as in `inverse_dynamics_derivatives`; NaN where
+        some velocity has no inertia.
 
     Raises:
         TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
@@ -169,9 +174,35 @@ def forward_dynamics_derivatives(
         [[ 0.8157 -2.015 ]
          [-2.015   6.4772]]
     """
-    vdot = forward_dynamics(mechanism, q, v, tau, external_forces, precision=precision)
-    dq, dv, M = inverse_dynamics_derivatives(mechanism, q, v, vdot, external_forces, precision=precision)
-    if not M.shape[-1]:
-        return ForwardDynamicsDerivatives(dq, dv, M)
+    operation = "forward_dynamics_derivatives"
+    q, v, tau, forces = checked(operation, mechanism, q=q, v=v, tau=tau, external_forces=external_forces)
+    if not mechanism.nv:
+        return ForwardDynamicsDerivatives(*_at_accelerations(precision, (mechanism,), q, v, tau, forces))
+    is_short = products_to_factor(mechanism.topology) <= _MOST_PRODUCTS
+    of_scene = _forward_derivatives if is_short else _forward_derivatives_of_many
+    return ForwardDynamicsDerivatives(*of_scene(resolve(precision), (mechanism,), q, v, tau, forces))
+
+
+# The products of one factorisation that are written out, one by one, in a program of machine code: more take longer to
+# compile than they save. A humanoid of 35 velocities has 1,742; a chain of 28 joints has 3,654.
+_MOST_PRODUCTS = 4000
+
+
+@composite
+def _forward_derivatives(precision: Precision, scene: Scene, q, v, tau, forces) -> tuple[jax.Array, ...]:
+    dq, dv, M = _at_accelerations(precision, scene, q, v, tau, forces)
+    solve = solver(scene[0].topology, M, precision)
+    return -solve(dq), -solve(dv), solve(jnp.eye(*M.shape, dtype=M.dtype))
+
+
+def _forward_derivatives_of_many(precision: Precision, scene: Scene, q, v, tau, forces) -> tuple[jax.Array, ...]:
+    """By a library's Cholesky method."""
+    dq, dv, M = _at_accelerations(precision, scene, q, v, tau, forces)
     inverse = factored(M).inverse()
-    return ForwardDynamicsDerivatives(-(inverse @ dq), -(inverse @ dv), inverse)
+    return -(inverse @ dq), -(inverse @ dv), inverse
+
+
+def _at_accelerations(precision: Precision, scene: Scene, q, v, tau, forces) -> InverseDynamicsDerivatives:
+    (mechanism,) = scene
+    vdot = forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
+    return inverse_dynamics_derivatives(mechanism, q, v, vdot, forces, precision=precision)

@@ -238,6 +238,60 @@ def test_derivatives_of_forward_dynamics():
         assert abs(np.asarray(x) - np.asarray(y)).max() <= allowed * abs(np.asarray(y)).max()
 
 
+def following():
+    """A chain of hinges, two of which follow others."""
+    rng, names = np.random.default_rng(8), [f"body{i}" for i in range(5)]
+    shapes = [js.SpatialInertia(1.0 + i, 0.1 * rng.standard_normal(3), np.eye(3) / 5) for i in range(5)]
+    joints = [
+        js.Joint(
+            f"joint{i}",
+            "revolute",
+            names[i - 1] if i else "world",
+            names[i],
+            js.RigidTransform(js.Rotation.identity(dtype=np.float64), rng.standard_normal(3)),
+            axis=rng.standard_normal(3),
+            mimic=(f"joint{i - 1}", 2.0, 0.1) if i in (2, 4) else None,
+        )
+        for i in range(5)
+    ]
+    return js.Mechanism.build(list(map(js.Body, names, shapes)), joints, dtype=np.float64)
+
+
+WITH_A_LOAD = {
+    "limbs on a floating base": lambda: js.testing.random_mechanism(5, 7, ["free", "revolute", "universal"]),
+    "mimics": following,
+    # So many that a library factors the mass matrix.
+    "a long chain": lambda: js.testing.random_mechanism(6, 30, ["revolute"], is_chain=True),
+}
+
+
+@pytest.mark.parametrize("tree", WITH_A_LOAD)
+def test_derivatives_of_forward_dynamics_are_the_inverse_times_those_of_inverse_dynamics(tree):
+    """Under a force on the last body."""
+    mech, rng = WITH_A_LOAD[tree](), np.random.default_rng(7)
+    q, v, tau = mech.neutral(), *rng.standard_normal((2, mech.nv))
+    loads = {mech.body_names[-1]: js.SpatialForce(*rng.standard_normal((2, 3)))}
+
+    def both(q, v, tau):
+        vdot = js.forward_dynamics(mech, q, v, tau, loads)
+        inverse = js.inverse_dynamics_derivatives(mech, q, v, vdot, loads)
+        return inverse, js.forward_dynamics_derivatives(mech, q, v, tau, loads)
+
+    (dq, dv, M), found = jax.tree.map(np.asarray, interpreted(both)(q, v, tau))
+    expected = -np.linalg.solve(M, dq), -np.linalg.solve(M, dv), np.linalg.inv(M)
+    allowed = 4 * mech.nv * 2.0**-53 * np.linalg.cond(M)
+    for x, y in zip(found, expected, strict=True):
+        np.testing.assert_allclose(x, y, atol=allowed * abs(y).max(), rtol=0)
+
+
+def test_derivatives_of_forward_dynamics_without_inertia_are_nan():
+    mech = mechanism("revolute")
+    none = js.SpatialInertia(*(np.zeros_like(x) for x in jax.tree.leaves(mech.inertias)))
+    q, v, tau = (x[0] for x in state("revolute"))
+    found = interpreted(functools.partial(js.forward_dynamics_derivatives, mech.replace(inertias=none)))(q, v, tau)
+    assert all(np.isnan(x).all() for x in found)
+
+
 @few
 def test_rate_of_the_mass_matrix_less_twice_coriolis_is_skew(tree):
     """With Coriolis' matrix that of Christoffel's symbols: C v = the bias without gravity, and M' = C + C^T."""
