@@ -60,7 +60,8 @@ LONGEST = (
 COMPILED_SOON = (
     "contact", "dynamics", "inertia", "interop", "mechanism", "peers", "spatial/test_errors.py",
     "spatial/test_left_out.py", "spatial/test_quantities.py", "test_debug_nans.py", "test_docstrings.py",
-    "test_export.py", "test_page_identification.py", "test_page_inverse_kinematics.py", "test_readme.py", "test_viewer.py",
+    "test_export.py", "test_page_identification.py", "test_page_inverse_kinematics.py", "test_readme.py",
+    "test_viewer.py",
 )  # fmt: skip
 COMPILED_AS_FOR_USERS = ("test_distances.py", "test_height_field.py", "test_signed_distances.py")
 

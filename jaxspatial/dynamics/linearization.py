@@ -164,8 +164,8 @@ def forward_dynamics_derivatives(
         ValueError: shapes do not fit.
         KeyError: there is no such frame.
 
-    Error: of every column at most 4 nv (nv + 1) u cond(M) relative to it, in 2-norms, in addition to the inverse times the
-        error of `inverse_dynamics_derivatives` at the accelerations of `forward_dynamics`.
+    Error: of every column as of `MassMatrixFactor.solve`, in addition to the inverse times the error of
+        `inverse_dynamics_derivatives` at the accelerations of `forward_dynamics`.
     Source: Carpentier, Mansard 2018, Analytical derivatives of rigid body dynamics algorithms.
 
     Example:
