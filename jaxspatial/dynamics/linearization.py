@@ -1,7 +1,7 @@
 """Derivatives of inverse and forward dynamics with respect to configuration, velocities, accelerations and forces."""
 
 import functools
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -176,11 +176,11 @@ def forward_dynamics_derivatives(
     """
     operation = "forward_dynamics_derivatives"
     q, v, tau, forces = checked(operation, mechanism, q=q, v=v, tau=tau, external_forces=external_forces)
+    at: Any = resolve(precision), (mechanism,), q, v, tau, forces
     if not mechanism.nv:
-        return ForwardDynamicsDerivatives(*_at_accelerations(precision, (mechanism,), q, v, tau, forces))
+        return ForwardDynamicsDerivatives(*_at_accelerations(*at))
     is_short = products_to_factor(mechanism.topology) <= _MOST_PRODUCTS
-    of_scene = _forward_derivatives if is_short else _forward_derivatives_of_many
-    return ForwardDynamicsDerivatives(*of_scene(resolve(precision), (mechanism,), q, v, tau, forces))
+    return ForwardDynamicsDerivatives(*(_forward_derivatives if is_short else _forward_derivatives_of_many)(*at))
 
 
 # The products of one factorisation that are written out, one by one, in a program of machine code: more take longer to
