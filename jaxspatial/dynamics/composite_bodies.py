@@ -244,13 +244,13 @@ def factored(M: jax.Array) -> MassMatrixFactor:
 
 
 def solver(topology: Topology, M: jax.Array, precision: Precision) -> Callable[[jax.Array], jax.Array]:
-    """A function of B (nv, k) that computes M^-1 B, of one state, in operations on single numbers: for programs of
-    machine code.
+    """Factors M of one state, and returns the function that computes M^-1 B for a matrix B (nv, k). It works on single
+    numbers, as programs of machine code need it.
 
     Sums and products are rounded to the dtype of M (float32 for 16-bit types) in every precision. Where a pivot is not
     positive, all results for the tree of its velocity are NaN.
     """
-    carriers, n = _carriers(topology), topology.nv
+    carriers, n = topology.velocity_carriers, topology.nv
 
     def numbers_of(array: jax.Array) -> Numbers:
         return tuple(Rounded(precision.of_one_limb, x) for x in jnp.unstack(array))
@@ -263,23 +263,6 @@ def solver(topology: Topology, M: jax.Array, precision: Precision) -> Callable[[
         return jnp.stack([*map(high, elimination.solve_tree(factors, carriers, numbers_of(column)))])
 
     return lambda B: lax.map(solved, _wide(B).T).T.astype(M.dtype)
-
-
-def products_to_factor(topology: Topology) -> int:
-    """How many products `solver` takes to factor M."""
-    return sum(len(before) * (len(before) + 1) // 2 for before in _carriers(topology))
-
-
-def _carriers(topology: Topology) -> list[list[int]]:
-    """For each velocity those before it that M couples with it: of its own joint and of those that carry it. Velocities
-    of mimics belong to several joints; then all are taken."""
-    if topology.has_mimics:
-        return [[*range(k)] for k in range(topology.nv)]
-    carriers = list[list[int]]()
-    for i in range(len(topology)):
-        way = [k for body in topology.ancestors(i) for k in range(topology.nv)[topology.v_slice(body)]]
-        carriers += ([k for k in way if k < own] for own in range(topology.nv)[topology.v_slice(i)])
-    return carriers
 
 
 def _wide(x) -> jax.Array:

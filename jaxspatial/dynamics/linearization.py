@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxspatial.dynamics.bounds import ALGORITHM
-from jaxspatial.dynamics.composite_bodies import factored, products_to_factor, solver
+from jaxspatial.dynamics.composite_bodies import factored, solver
 from jaxspatial.dynamics.configuration import integrate
 from jaxspatial.dynamics.derivatives import derivatives
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
@@ -141,9 +141,9 @@ def forward_dynamics_derivatives(
         dvdot_dq = -M^-1 dtau_dq        dvdot_dv = -M^-1 dtau_dv        dvdot_dtau = M^-1
 
     The derivatives of inverse dynamics are taken at the accelerations of `forward_dynamics`. M is factored in the dtype
-    of q (float32 for 16-bit types) in every precision. All of it is one program, but for long chains, whose M a library
-    factors. For a product with one vector `jax.jvp` or `jax.vjp` of `forward_dynamics` is faster, several times for a
-    humanoid.
+    of q (float32 for 16-bit types) in every precision. It is one program; for a chain of more than 28 joints a library
+    factors M instead. For a product with one vector `jax.jvp` or `jax.vjp` of `forward_dynamics` is faster, several
+    times for a humanoid.
 
     Args:
         mechanism: the mechanism, see `Mechanism`.
@@ -155,8 +155,8 @@ def forward_dynamics_derivatives(
         precision: name of a precision; None takes the default.
 
     Returns:
-        ForwardDynamicsDerivatives, (*batch, nv, nv) each, dvdot_dq as in `inverse_dynamics_derivatives`; NaN where
-        some velocity has no inertia.
+        ForwardDynamicsDerivatives, (*batch, nv, nv) each, dvdot_dq as in `inverse_dynamics_derivatives`; NaN if
+        some velocity has no inertia, at least for all velocities of its tree.
 
     Raises:
         TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
@@ -179,7 +179,8 @@ def forward_dynamics_derivatives(
     at: Any = resolve(precision), (mechanism,), q, v, tau, forces
     if not mechanism.nv:
         return ForwardDynamicsDerivatives(*_at_accelerations(*at))
-    is_short = products_to_factor(mechanism.topology) <= _MOST_PRODUCTS
+    sizes = map(len, mechanism.topology.velocity_carriers)
+    is_short = sum(n * (n + 1) // 2 for n in sizes) <= _MOST_PRODUCTS
     return ForwardDynamicsDerivatives(*(_forward_derivatives if is_short else _forward_derivatives_of_many)(*at))
 
 

@@ -227,6 +227,18 @@ class Topology:
             i = self.parents[i]
 
     @functools.cached_property
+    def velocity_carriers(self):
+        """For each velocity those before it that the mass matrix couples with it: of its own joint and of those that
+        carry it. Velocities of mimics belong to several joints; then all are taken."""
+        if self.has_mimics:
+            return tuple(tuple(range(k)) for k in range(self.nv))
+        carriers = list[tuple[int, ...]]()
+        for i in range(len(self)):
+            carrying = [k for body in self.ancestors(i) for k in range(self.nv)[self.v_slice(body)]]
+            carriers += (tuple(k for k in carrying if k < own) for own in range(self.nv)[self.v_slice(i)])
+        return tuple(carriers)
+
+    @functools.cached_property
     def chains(self):
         """All bodies as batches of chains, parents first. Chains of one batch are as many chains from the world."""
         batches, depth = dict[tuple[int, str, int], list[int]](), {-1: -1}

@@ -1,6 +1,6 @@
 """Symmetric systems of linear equations over numbers, written out entry by entry: L D L^T, and L^T D L of a tree.
 
-[Golub and Van Loan 2013, 4.1.2] `jaxspatial.engine.matrices` solves those of whole mechanisms in a loop.
+[Golub and Van Loan 2013, 4.1.2] `jaxspatial.engine.matrices` solves dense ones of any size in a loop.
 """
 
 import functools

@@ -42,7 +42,6 @@ def text(function, *arguments, platform="cuda"):
     return jax.jit(function).trace(*arguments).lower(lowering_platforms=(platform,)).as_text()
 
 
-# By default the one with the most operations, of which the others have parts.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", OF_STATES)
 def test_what_xla_compiles_has_the_bits_of_machine_code(name, monkeypatch):

@@ -188,7 +188,6 @@ def _checkpoint(q, v, tau):
     return jax.vjp(jax.checkpoint(lambda *x: _inverse(*x)), q, v, tau)[1](q)
 
 
-# Functions, and whether XLA compiles them in the default run. All are compared with graphs there.
 TRANSFORMED = (
     _inverse,
     _vmap_of_vmap,
@@ -335,6 +334,17 @@ def test_a_symplectic_step_is_one_program():
     x = states(5)
     assert jax.jit(step).lower(*x).compile().as_text().count('custom_call_target="jaxspatial') == 1
     compared(step, *x, ways=["numpy"])
+
+
+def test_derivatives_of_forward_dynamics_are_one_program():
+    """With the bits of XLA's way, which is that of `jax.export`."""
+
+    def derivatives(*x):
+        return tuple(js.forward_dynamics_derivatives(ARM, *x))
+
+    x = states(5)
+    assert jax.jit(derivatives).lower(*x).compile().as_text().count('custom_call_target="jaxspatial') == 1
+    compared(derivatives, *x, ways=["numpy", "xla"])
 
 
 def test_constants_do_not_decide_how_many_states_fill_a_register():
