@@ -326,7 +326,7 @@ def test_64_bit_types(dtype):
 
 
 def test_a_symplectic_step_is_one_program():
-    """It factors its mass matrix, and is not compared with XLA, for which a library does that, in another order."""
+    """The factors of its mass matrix are a part of it."""
 
     def step(*x):
         return js.symplectic_step(ARM, *x, DT, iterations=1)
