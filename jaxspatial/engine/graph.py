@@ -22,13 +22,14 @@ from jaxspatial.numerics.jax_internals import ClosedJaxpr, Literal
 Nodes = np.ndarray  # of the numbers of nodes, of dtype int64
 BOOL = np.dtype(bool)
 # A loop is unrolled where the graph has at most so many nodes with all its turns. Unrolled code is faster, for it needs
-# no tables and what is the same in several turns is one node, and LLVM takes some 70 us for each operation. In float32,
+# no tables and what is the same in several turns is one node, and LLVM takes some 50 us for each operation. In float32,
 # 16 states side by side, ns for a state and seconds of LLVM, loops kept and unrolled:
 #   inverse dynamics, forward dynamics, mass matrix, gradient of forward dynamics
 #   solo12: 58, 154, 121, 354 ns, 0.1, 0.2, 0.3, 0.5 s     50, 127, 88, 290 ns, 0.2, 0.4, 0.3, 1.0 s
 #   G1: 157, 439, 414, 1006 ns, 0.3, 0.5, 0.9, 1.3 s       164, 425, 347, 869 ns, 0.4, 1.2, 1.0, 2.6 s
-# Of these all are unrolled but the last.
-MOST_UNROLLED = 20_000
+#   G1, gradient of a step: 1350 ns, 1.7 s                 930 ns, 2.3 s
+#   solo12, step on the ground: 1440 ns, 1.4 s             1300 ns, 1.5 s
+MOST_UNROLLED = 50_000
 # A branch of at least so many operations is skipped where no state takes it.
 LEAST_SKIPPED = 50
 # Numbers in a table from which a program picks by an index. Where there are more, reading them takes the compiler long.
@@ -1142,9 +1143,9 @@ def _evaluated(values: _Values, node: int):
 
 
 def looked_up(table: Sequence[Any], index, places: int):
-    """What a table has so many places behind indices (B,), of numbers or arrays (B,)."""
-    rows = np.stack([np.broadcast_to(x, np.shape(index)) for x in table])
-    return np.take_along_axis(rows, np.asarray(index, np.int64)[None] + places, 0)[0]
+    """What a table has so many places behind indices; both are numbers or arrays (B,)."""
+    index, *rows = np.broadcast_arrays(np.asarray(index, np.int64), *table)
+    return np.take_along_axis(np.stack(rows), index[None] + places, 0)[0]
 
 
 def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:

@@ -6,6 +6,10 @@ most of it would be spilled to memory anyway. A loop that fits a piece is writte
 body is pieces, too. Numbers that turns of a loop pass on are in the frame, and so are the rows that it reads and
 writes, as tables.
 
+States may need very different numbers of turns of a long `while` loop, such as Newton's method of a step with contact.
+Of W states side by side each turn takes as long for one that goes on as for all. So such a program is split: what is in
+front of the loop, turns, and what is behind. In between, states that go on can be moved: see `Written`.
+
 Nothing is contracted, rearranged or assumed: results have the bits of the graph, operation by operation.
 """
 
@@ -17,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jaxspatial.engine import registers
-from jaxspatial.engine.graph import COMPARISONS, Graph, Loop
+from jaxspatial.engine.graph import BOOL, COMPARISONS, Graph, Loop
 from jaxspatial.engine.registers import Item
 
 # With 16 states side by side: of 500, 1500, 3000 and 8000, a G1's forward dynamics takes 0.5, 0.5, 0.6 and 0.8 s to
@@ -35,15 +39,26 @@ _GUARDED = {"div", "rem", *_SHIFTS}
 _PLACES = {"constant", "load", "carried", "row", "last", "stacked"}
 _OF_LOOPS = {"row", "last", "stacked"}
 Table = tuple[str, Any, int]  # what, where, and bytes or numbers from row to row
+Place = tuple[
+    int | None, int, np.dtype
+]  # of numbers of W states: the argument or, None, the frame; bytes from its start
 
 
 class Written(NamedTuple):
     """The IR of a graph. It defines `@block(ptr %arguments, ptr %results, ptr %frame)`: for W states, with pointers to
-    their numbers (n, W), or (n,) of arguments that all states share, and frame_bytes of scratch memory."""
+    their numbers (n, W), or (n,) of arguments that all states share, and frame_bytes of scratch memory.
+
+    is_split: whether it also defines `@before`, `@turns` and `@after`, with the same parameters, which do the same one
+    after the other. `@turns` takes two more: it ends where at most `few` of the `states`, a set of bits, go on, and
+    returns these. It can be called again, and `@lent(ptr %arguments, ptr %frame, i64 %state, ptr %of_arguments,
+    ptr %of_frame, i64 %of_state)` copies what turns read of one state to the place of another, with other memory;
+    `@returned`, with the same parameters, copies what they change.
+    """
 
     text: str
     frame_bytes: int
     n_operations: int
+    is_split: bool = False
 
 
 def written(graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool = True) -> Written:
@@ -282,12 +297,13 @@ class _Frame:
 
 class Function:
     """The text of one function. registers: of nodes that it has made or read. lanes: of indices, state by state.
+    result: what it returns, with its type.
 
     Pointers are texts with their types, like "ptr %frame".
     """
 
     def __init__(self, name: str, parameters: Sequence[str]):
-        self.name, self.parameters = name, parameters
+        self.name, self.parameters, self.result = name, parameters, "void"
         self.lines, self.entry = list[str](), list[str]()
         self.registers, self.lanes = dict[int, str](), dict[int, list[str]]()
         self.pointers = dict[str, str]()
@@ -310,8 +326,10 @@ class Function:
         return self.pointers[key]
 
     def text(self, linkage: str) -> str:
-        head = f"define {linkage}void @{self.name}({', '.join(self.parameters)}) {{"
-        return "\n".join([head, "entry:", *self.entry, "  br label %body", "body:", *self.lines, "  ret void", "}"])
+        t = self.result.split()[0]
+        head = f"define {linkage}{t} @{self.name}({', '.join(self.parameters)}) {{"
+        end = f"  ret {self.result}"
+        return "\n".join([head, "entry:", *self.entry, "  br label %body", "body:", *self.lines, end, "}"])
 
 
 class Writer:
@@ -755,15 +773,29 @@ class Writer:
         return self._allocate()
 
     def written(self) -> Written:
-        size = self.planned()
-        functions = [self.piece(p) for p in range(len(self.pieces))]
-        block = Function("block", self.parameters)
-        for p in self.top:
-            self.called(block, p)
+        size, k = self.planned(), self._loop_to_split()
+        block, split = Function("block", self.parameters), list[Function]()
+        if k is None:
+            self._write_top(block, self.top)
+            self._write_known_results(block)
+        else:
+            split = self._split(k)
+            self._write_call(block, "before")
+            block.add(f"%left = call i64 @turns({self._passed()}, i64 -1, i64 0)")
+            self._write_call(block, "after")
+        pieces = [self.piece(p) for p in range(len(self.pieces)) if k is None or p != self.bodies[k].own]
+        text = self.module_text(pieces, "\n".join(f.text("") for f in (*split, block)))
+        return Written(text, size, sum(map(len, self.order.members.values())), k is not None)
+
+    def _write_top(self, f: Function, pieces: Iterable[int]) -> None:
+        for p in pieces:
+            self.called(f, p)
+
+    def _write_known_results(self, f: Function) -> None:
+        """Results that no piece makes."""
         for node, places in self.at.items():
             if node not in self.home:
-                self.stored_results(block, node, places)
-        return Written(self.module_text(functions, block.text("")), size, sum(map(len, self.order.members.values())))
+                self.stored_results(f, node, places)
 
     def module_text(self, functions: Iterable[Function], last: str) -> str:
         """The text of the module."""
@@ -772,8 +804,13 @@ class Writer:
         return "\n".join([*tables, *texts, last, *sorted(self.declared), ""])
 
     def called(self, f: Function, p: int) -> None:
-        names = (x.replace("noalias ", "") for x in self.parameters)
-        f.add(f"call void @piece{p}({', '.join(names)})")
+        self._write_call(f, f"piece{p}")
+
+    def _write_call(self, f: Function, name: str) -> None:
+        f.add(f"call void @{name}({self._passed()})")
+
+    def _passed(self) -> str:
+        return ", ".join(x.replace("noalias ", "") for x in self.parameters)
 
     def piece(self, p: int) -> Function:
         f = Function(f"piece{p}", self.parameters)
@@ -821,14 +858,7 @@ class Writer:
 
     def _write_loop(self, f: Function, p: int, k: int) -> None:
         g, loop, order = self.g, self.g.loops[k], self.order
-        carried = order.carried_of(loop)
-        for parameter in order.rows_of(loop):
-            if ("rows", parameter) in self.tables:
-                place, stride = self.tables["rows", parameter]
-                for row, node in enumerate(loop.rows[parameter]):
-                    pointer = self.offset(f, self.frame, place + row * stride)
-                    self.stored(f, self.read(f, node), pointer, g.dtypes[parameter])
-        self._store_carried(f, [(c[0], c[1]) for c in carried if c[0] not in order.within])
+        self._write_start(f, k)
         index = self.offset(f, self.frame, self.indices[k])
         first, last, step = (int(loop.length or 0) - 1, 0, -1) if loop.is_reverse else (0, int(loop.length or 0) - 1, 1)
         f.add(f"store i64 {first}, {index}")
@@ -842,7 +872,7 @@ class Writer:
         if loop.length is None:
             active = any_active = self.read(f, loop.condition)
             if self.width > 1:
-                any_active, mask = f.new(), self.type(np.dtype(bool))
+                any_active, mask = f.new(), self.type(BOOL)
                 f.add(f"{any_active} = {self.call(f'llvm.vector.reduce.or.v{self.width}i1', 'i1', (mask, active))}")
             f.add(f"br i1 {any_active}, label %{body}, label %{end}")
             f.lines.append(f"{body}:")
@@ -853,7 +883,7 @@ class Writer:
             f.add(f"{scaled} = mul i64 {row}, {stride}")
             pointer = self.offset(f, self.offset(f, self.frame, place), scaled)
             self.stored(f, self.read(f, loop.stacked[i]), pointer, g.dtypes[loop.stacked[i]])
-        self._store_carried(f, [(c[0], c[2]) for c in carried], active)
+        self._store_carried(f, [(c[0], c[2]) for c in order.carried_of(loop)], active)
         if loop.length is None:
             f.add(f"br label %{end if loop.is_branch else head}")
         else:
@@ -864,6 +894,17 @@ class Writer:
             f.add(f"br i1 {is_last}, label %{end}, label %{head}")
         f.lines.append(f"{end}:")
         f.registers, f.lanes = outside, lanes
+
+    def _write_start(self, f: Function, k: int) -> None:
+        """Stores what the first turn of a loop reads."""
+        loop, order = self.g.loops[k], self.order
+        for parameter in order.rows_of(loop):
+            if ("rows", parameter) in self.tables:
+                place, stride = self.tables["rows", parameter]
+                for row, node in enumerate(loop.rows[parameter]):
+                    pointer = self.offset(f, self.frame, place + row * stride)
+                    self.stored(f, self.read(f, node), pointer, self.g.dtypes[parameter])
+        self._store_carried(f, [(c[0], c[1]) for c in order.carried_of(loop) if c[0] not in order.within])
 
     def _write_part(self, f: Function, p: int, k: int, part: int) -> None:
         """What is in front of the condition of a loop, 0, or after it, 1."""
@@ -883,12 +924,110 @@ class Writer:
             value, dtype = self.read(f, node), self.g.dtypes[parameter]
             if active and self.width > 1 and parameter not in self.order.within:
                 old, chosen, t = self.read(f, parameter), f.new(), self.type(dtype)
-                f.add(f"{chosen} = select {self.type(np.dtype(bool))} {active}, {t} {value}, {t} {old}")
+                f.add(f"{chosen} = select {self.type(BOOL)} {active}, {t} {value}, {t} {old}")
                 value = chosen
             values.append(value)
         for (parameter, _), value in zip(pairs, values, strict=True):
             pointer = self.offset(f, self.frame, self.slots[parameter])
             self.stored(f, value, pointer, self.g.dtypes[parameter])
+
+    # -- a program that is split at a loop ----------------------------------------------------------------------------
+
+    def _loop_to_split(self) -> int | None:
+        """The longest of the long loops that go on for some states, and not for others."""
+        own = {self.bodies[k].own: k for k in self.bodies if self.g.loops[k].length is None}
+        found = [own[p] for p in self.top if p in own and not self.g.loops[own[p]].is_branch]
+        return max(found, key=lambda k: self.order.size((k,)), default=None) if self.width > 1 else None
+
+    def _split(self, k: int) -> list[Function]:
+        """The functions of a split program, see `Written`."""
+        loop, body, carried = self.g.loops[k], self.bodies[k], self.order.carried_of(self.g.loops[k])
+        before, turns, after = (Function(name, self.parameters) for name in ("before", "turns", "after"))
+        place = self.top.index(body.own)
+        self._write_top(before, self.top[:place])
+        self._write_start(before, k)
+        self._write_top(after, self.top[place + 1 :])
+        self._write_known_results(after)
+
+        turns.parameters = [*self.parameters, "i64 %states", "i64 %few"]
+        turns.add("br label %head")
+        turns.lines.append("head:")
+        self._write_part(turns, body.own, k, 0)
+        active, bits = self.read(turns, loop.condition), f"i{self.width}"
+        turns.add(f"%bits = bitcast {self.type(BOOL)} {active} to {bits}")
+        turns.add(f"%active = zext {bits} %bits to i64")
+        turns.add("%left = and i64 %active, %states")
+        turns.add(f"%count = {self.call('llvm.ctpop.i64', 'i64', ('i64', '%left'))}")
+        turns.add("%is_over = icmp ule i64 %count, %few")
+        turns.add("br i1 %is_over, label %end, label %turn")
+        turns.lines.append("turn:")
+        self._write_part(turns, body.own, k, 1)
+        self._store_carried(turns, [(c[0], c[2]) for c in carried], active)
+        turns.add("br label %head")
+        turns.lines.append("end:")
+        turns.result = "i64 %left"
+
+        changed = [self._place_of(c[0]) for c in carried]
+        read = dict.fromkeys(x for node in self._read_in(k) if (x := self._place_of(node)) is not None)
+        return [before, turns, after, self._copy("lent", [*changed, *read]), self._copy("returned", changed)]
+
+    def _read_in(self, k: int) -> Iterator[int]:
+        """The nodes that a loop reads and does not make."""
+        yield from self.order.outside[k]
+        for j in (k, *self.order.inner[k]):
+            for node in self.order.members[self.g.loops[j].region]:
+                if self.g.operations[node] == "lookup":
+                    yield from self.g.tables[self.g.details[node][0]]
+
+    def _place_of(self, node: int) -> Place | None:
+        """Where numbers are that are not made in a loop; None of what is the same for all states."""
+        g, name, dtype = self.g, self.g.operations[node], self.g.dtypes[node]
+        if name == "constant":
+            return None
+        if name == "load":
+            k, place = g.details[node]
+            return None if self.is_shared[k] else (k, place * self._stride(k, dtype), dtype)
+        if name == "stacked":
+            k, which, row = g.details[node]
+            place, stride = self.tables["stacked", k, which]
+            return None, place + row * stride, dtype
+        if name == "last":
+            k, which, _ = g.details[node]
+            node = g.loops[k].carried[which][0]
+        return None, self.slots[node], dtype
+
+    def _copy(self, name: str, places: Iterable[Place]) -> Function:
+        """A function that copies numbers of one state, as `lent` does."""
+        f = Function(name, ["ptr noalias %arguments", "ptr noalias %frame", "i64 %state"])
+        f.parameters = [*f.parameters, "ptr noalias %of_arguments", "ptr noalias %of_frame", "i64 %of_state"]
+        bits = f"i{self.width}"
+        f.entry += [f"  %bit = trunc i64 %state to {bits}", f"  %of_bit = trunc i64 %of_state to {bits}"]
+        f.entry += [f"  %one = shl {bits} 1, %bit", f"  %others = xor {bits} %one, -1"]
+        for k, place, dtype in places:
+            arrays = (self.frame, "ptr %of_frame")
+            if k is not None:
+                arrays = tuple(f.pointer(array, k) for array in ("arguments", "of_arguments"))
+            to, of = (self.offset(f, array, place) for array in arrays)
+            x = f.new()
+            if dtype.kind == "b" and k is None:
+                # A mask is a bit for each state.
+                old, hit, moved, kept, new = (f.new() for _ in range(5))
+                f.add(f"{x} = load {bits}, {of}")
+                f.add(f"{old} = load {bits}, {to}")
+                f.add(f"{hit} = lshr {bits} {x}, %of_bit")
+                f.add(f"{moved} = shl {bits} {hit}, %bit")
+                f.add(f"{kept} = and {bits} {old}, %others")
+                f.add(f"{new} = and {bits} {moved}, %one")
+                x, t = f.new(), bits
+                f.add(f"{x} = or {bits} {kept}, {new}")
+            else:
+                t, at, of_at = self.scalar(np.dtype(np.uint8) if dtype.kind == "b" else dtype), f.new(), f.new()
+                f.add(f"{of_at} = getelementptr {t}, {of}, i64 %of_state")
+                f.add(f"{at} = getelementptr {t}, {to}, i64 %state")
+                f.add(f"{x} = load {t}, ptr {of_at}")
+                to = f"ptr {at}"
+            f.add(f"store {t} {x}, {to}")
+        return f
 
     # -- operations ---------------------------------------------------------------------------------------------------
 
@@ -962,7 +1101,7 @@ class Writer:
 
     def _shifted(self, name: str, dtype: np.dtype) -> list[str]:
         """LLVM does not say what a shift by as many bits as a number has, or more, is."""
-        t, mask, bits = self.type(dtype), self.type(np.dtype(bool)), 8 * dtype.itemsize
+        t, mask, bits = self.type(dtype), self.type(BOOL), 8 * dtype.itemsize
         result = f"{_SHIFTS[name]} {t} {{1}}, {{0}}.near"
         lines = [
             f"{{0}}.is_near = icmp ult {t} {{2}}, {self.literal(bits, dtype)}",
@@ -975,7 +1114,7 @@ class Writer:
 
     def _divided(self, name: str, dtype: np.dtype) -> list[str]:
         """Integers. Processors stop at a division by 0, and at that of the smallest number by -1: here by 1."""
-        t, mask = self.type(dtype), self.type(np.dtype(bool))
+        t, mask = self.type(dtype), self.type(BOOL)
         lines, is_bad = [f"{{0}}.is_zero = icmp eq {t} {{2}}, zeroinitializer"], "{0}.is_zero"
         if dtype.kind == "i":
             is_bad = "{0}.is_bad"
@@ -1010,7 +1149,7 @@ class Writer:
                 f"{{0}} = fptrunc {wide} {{0}}.error to {t}",
             ]
         integer, info = np.dtype(np.uint64), np.finfo(np.float64)
-        bits, mask, half = self.type(integer), self.type(np.dtype(bool)), self.literal(1 << 26, integer)
+        bits, mask, half = self.type(integer), self.type(BOOL), self.literal(1 << 26, integer)
         lines: list[str] = []
         for x, operand in (("{0}.a", "{1}"), ("{0}.b", "{2}")):
             size = self.call(f"llvm.fabs.{self.suffix(dtype)}", t, (t, operand))

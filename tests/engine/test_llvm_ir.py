@@ -1,5 +1,6 @@
 """The IR of graphs: for any number of states side by side, in pieces of any length, it has the bits of the graph."""
 
+import ctypes
 import functools
 from unittest import mock
 
@@ -175,6 +176,104 @@ def test_random_functions_in_the_handler_have_the_bits_of_xla(seed):
     f, arrays = graphs.random_function(1000 + seed)
     g = graph_of(f, *arrays)
     assert_same_bits(in_handler(code_of(g, 16, arrays), arrays), with_xla(f, arrays))
+
+
+# -- programs that are split at a loop ---------------------------------------------------------------------------------
+
+
+def many_turns(x, turns, mask, shared):
+    """A loop of any number of turns, which reads all that a loop can read, and changes numbers of three kinds."""
+    last, rows = lax.scan(lambda c, row: (c * row, c + row), x[0], x)
+    is_up = mask & (x[:3] > 0)
+
+    def inner(state):
+        a, k = state
+        return a * shared[k] + last, k + 1
+
+    def turn(state):
+        a, k, is_odd, b = state
+        a, _ = lax.while_loop(lambda s: (s[1] < 3) & (s[0] < 2), inner, (a, jnp.int32(0)))
+        place = k[None] * 5 % 16
+        a = lax.select(is_up[0], a - x.at[place].get(mode="clip")[0], a * x.dtype.type(0.5))
+        b = lax.select((is_up | is_odd) & mask[1], b + rows[:3] * a, b - shared.at[place].get(mode="clip")[0])
+        return a, k + 1, ~is_odd, b
+
+    start = x[1], jnp.int32(0), mask, x[1:4]
+    a, k, is_odd, b = lax.while_loop(lambda s: s[1] < turns[0], turn, start)
+    return a, k[None], is_odd, b * last, rows + a
+
+
+def of_many_turns(n, dtype, seed=0):
+    """(the graph, arguments of n states). Most states need few turns, some many."""
+    rng = np.random.default_rng(seed)
+    x = rng.uniform(-1, 1, (n, 16)).astype(dtype)
+    turns = np.minimum(rng.geometric(0.3, (n, 1)) - 1, 40).astype(I32) * rng.choice([0, 1, 1, 9], (n, 1)).astype(I32)
+    arrays = x, turns, rng.random((n, 3)) < 0.5, rng.uniform(-1, 1, (1, 16)).astype(dtype)
+    with mock.patch.object(graph, "MOST_UNROLLED", 0):
+        return graph_of(many_turns, *arrays), arrays
+
+
+def split(g, width, arrays, longest=5):
+    with mock.patch.object(llvm_ir, "LONGEST", longest):
+        code = code_of(g, width, arrays)
+    assert code.is_split == (width > 1)
+    return code
+
+
+@pytest.mark.parametrize("width, dtype", [(1, F32), (4, F64), (8, F64), (16, F32)])
+def test_split_programs_have_the_bits_of_the_graph(width, dtype):
+    g, arrays = of_many_turns(700, dtype)
+    expected = with_numpy(g, arrays)
+    code = split(g, width, arrays)
+    assert_same_bits(by_itself(code, arrays), expected)
+    for n in (1, 2, width, width + 1, 127, 130, 700):
+        some = [x[-n:] if len(x) > 1 else x for x in arrays]
+        assert_same_bits(in_handler(code, some), [x[-n:] for x in expected])
+
+
+@pytest.mark.parametrize(
+    "few, few_together, together", [(0, 0, 1 << 20), (0.9, 0.9, 1 << 20), (0.1, 0.5, 1 << 13), (0.5, 0.75, 1)]
+)
+def test_when_states_are_brought_together_does_not_matter(few, few_together, together):
+    g, arrays = of_many_turns(300, F32, seed=1)
+    code = split(g, 16, arrays)
+    places = {"FEW": few, "FEW_TOGETHER": few_together, "TOGETHER": together}
+    with mock.patch.multiple(cpu, **places):
+        cpu._COMPILED.clear()
+        assert_same_bits(in_handler(code, arrays), with_numpy(g, arrays))
+
+
+def test_sums_over_states_of_split_programs():
+    """They have the bits of those of a program that is not split."""
+    g, arrays = of_many_turns(700, F32, seed=2)
+    code = split(g, 16, arrays)
+    results = tuple(x._replace(is_summed=x.dtype.kind != "b") for x in code.results)
+    found, expected = (in_handler(code._replace(results=results, is_split=s), arrays) for s in (True, False))
+    assert_same_bits(found, expected)
+
+
+def test_turns_end_where_few_states_go_on():
+    """The states that are asked for alone are counted, and each keeps what it has where it is done."""
+    turns = np.arange(16, dtype=I32)[:, None]
+    g, (x, _, *rest) = of_many_turns(16, F32)
+    arrays = x, turns, *rest
+    code, expected = split(g, 16, arrays), with_numpy(g, arrays)
+    engine = cpu._loaded(cpu._object([code.text], cpu.host()), cpu.host())
+    ((*memory, _),), results = graphs.in_columns(code, arrays)
+
+    def function(name, result, *more):
+        kinds = [ctypes.c_void_p] * 3 + [ctypes.c_int64] * len(more)
+        return ctypes.CFUNCTYPE(result, *kinds)(engine.get_function_address(name))(*memory, *more)
+
+    function("before", None)
+    done = 0
+    for states, few in ((0xFFFF, 12), (0xFFFF, 12), (0xF0FF, 4), (0xFFFF, 1), (0x0FFF, 0), (0xFFFF, 0)):
+        left = function("turns", ctypes.c_int64, states, few)
+        asked = [k for k in range(16) if states >> k & 1]
+        done = max(done, sorted(turns[asked, 0])[-1 - few])
+        assert left == sum(1 << k for k in asked if turns[k, 0] > done)
+    function("after", None)
+    assert_same_bits([graphs._rows(y, r, 16) for r, y in zip(code.results, results, strict=True)], expected)
 
 
 # -- planted faults ----------------------------------------------------------------------------------------------------

@@ -56,7 +56,7 @@ def code_of(g, width, arrays, target=None):
     written = llvm_ir.written(g, width, is_shared, (target or cpu.host()).has_fma)
     arguments = [cpu.Argument(x[0].size, x.dtype, s) for x, s in zip(arrays, is_shared, strict=True)]
     results = [cpu.Result(x.size, dtype) for x, dtype in zip(g.results, dtypes_of(g), strict=True)]
-    return cpu.Code(written.text, width, tuple(arguments), tuple(results), written.frame_bytes, written.n_operations)
+    return cpu.Code(written.text, width, tuple(arguments), tuple(results), *written[1:])
 
 
 def dtypes_of(g):
@@ -80,17 +80,26 @@ def by_itself(code, arrays, target=None):
     target = target or cpu.host()
     engine = cpu._loaded(cpu._object([code.text], target), target)
     block = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)(engine.get_function_address("block"))
-    n = max(map(len, arrays))
-    n_blocks = -(-n // code.width)
+    memory, results = in_columns(code, arrays)
+    for *pointers, _ in memory:
+        block(*pointers)
+    return [_rows(y, x, code.width)[: max(map(len, arrays))] for x, y in zip(code.results, results, strict=True)]
+
+
+def in_columns(code, arrays):
+    """([what the functions of code take for each block, and what must live as long], columns of all results)."""
+    n_blocks = -(-max(map(len, arrays)) // code.width)
     given = [
         _lines(np.asarray(x).reshape((1, -1))) if argument.is_shared else _lines(_columns(x, code.width, n_blocks))
         for x, argument in zip(arrays, code.arguments, strict=True)
     ]
     results = [_lines(np.zeros((n_blocks, x.size * code.width), x.dtype)) for x in code.results]
-    frame = _lines(np.zeros((1, code.frame_bytes), np.uint8))
+    memory = []
     for k in range(n_blocks):
-        block(*(_table([x[min(k, len(x) - 1)] for x in arrays]) for arrays in (given, results)), frame.ctypes.data)
-    return [_rows(y, x, code.width)[:n] for x, y in zip(code.results, results, strict=True)]
+        tables = [_table([x[min(k, len(x) - 1)] for x in own]) for own in (given, results)]
+        frame = _lines(np.zeros((1, code.frame_bytes), np.uint8))
+        memory.append((*tables, frame.ctypes.data, (given, frame)))
+    return memory, results
 
 
 def _columns(x, width, n_blocks):
