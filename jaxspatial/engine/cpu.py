@@ -803,63 +803,60 @@ class Handler(Module):
 
         They are lent to one more block. When enough of them are done, they return, and others take their places.
         """
-        width, place = self.code.width, self.scratch
+        width, place, zero = self.code.width, self.scratch, integer(0)
         b, (memory, n_blocks) = self.begin(name, VOID, PTR, I64)
         lent, returned = (self.external(x, VOID, [PTR, PTR, I64, PTR, PTR, I64]) for x in ("lent", "returned"))
         turns = self.external("turns", I64, [PTR, PTR, PTR, I64, I64])
-        more = at(b, memory, place.size * place.n_blocks)
+        more, every = at(b, memory, place.size * place.n_blocks), integer((1 << width) - 1)
         arguments, _, frame = self.memory_of(b, more)
-        # Of each place there: the block that lends its state, and the place in that. Which are taken; whether a place
-        # may never have been.
-        blocks, places, taken, is_new = on_stack(b, 8 * width), on_stack(b, 8 * width), on_stack(b, 8), on_stack(b, 8)
-        written(b, taken, 0)
-        written(b, is_new, 1)
+        # Sets of places there: those that are taken, and those that one block takes, with the set of their states in
+        # it. Of each place: the block that lends a state to it, and the set of this one state.
+        taken, new, of_new, blocks, states = (on_stack(b, 8 * n) for n in (1, 1, 1, width, width))
 
-        def lender(lane: Value) -> tuple[Value, Value]:
-            """Where its block is noted, and its place there."""
-            return at(b, blocks, b.mul(lane, integer(8))), at(b, places, b.mul(lane, integer(8)))
+        def lend(block: Value, to: Value, of: Value) -> None:
+            of_arguments, _, of_frame = self.memory_of(b, block)
+            b.call(lent, [arguments, frame, to, of_arguments, of_frame, of])
 
-        def borrowed(lane: Value, of: Value, state: Value) -> None:
-            of_arguments, _, of_frame = self.memory_of(b, of)
-            b.call(lent, [arguments, frame, lane, of_arguments, of_frame, state])
-
-        with b.if_then(b.icmp_unsigned("==", b.call(self.waiting(), [memory, n_blocks]), NULL)):
+        first = b.call(self.waiting(), [memory, n_blocks])
+        with b.if_then(b.icmp_unsigned("==", first, NULL)):
             b.ret_void()
+        # Numbers of no state could keep a loop from ending.
+        lend(first, every, every)
+        b.store(zero, taken)
         head, body, end = (b.append_basic_block(f"together.{part}") for part in ("head", "body", "end"))
         b.branch(head)
         b.position_at_end(head)
+        with loop(b, 0, n_blocks) as k:
+            block = at(b, memory, b.mul(k, integer(place.size)))
+            left = at(b, block, place.left)
+            written(b, new, 0)
+            written(b, of_new, 0)
+            with b.if_then(b.icmp_signed("!=", b.load(left, typ=I64), zero)):
+                with loop(b, 0, width) as lane:
+                    bit, waiting = b.shl(integer(1), lane), b.load(left, typ=I64)
+                    is_free = b.icmp_signed("==", b.and_(b.load(taken, typ=I64), bit), zero)
+                    with b.if_then(b.and_(is_free, b.icmp_signed("!=", waiting, zero))):
+                        state = b.and_(waiting, b.neg(waiting))
+                        b.store(block, at(b, blocks, b.mul(lane, integer(8))))
+                        b.store(state, at(b, states, b.mul(lane, integer(8))))
+                        b.store(b.xor(waiting, state), left)
+                        for variable, of in ((taken, bit), (new, bit), (of_new, state)):
+                            b.store(b.or_(b.load(variable, typ=I64), of), variable)
+                with b.if_then(b.icmp_signed("!=", b.load(new, typ=I64), zero)):
+                    lend(block, b.load(new, typ=I64), b.load(of_new, typ=I64))
+        going = b.load(taken, typ=I64)
+        b.cbranch(b.icmp_signed("!=", going, zero), body, end)
+        b.position_at_end(body)
+        is_last = b.icmp_unsigned("==", b.call(self.waiting(), [memory, n_blocks]), NULL)
+        few = b.select(is_last, zero, integer(int(FEW_TOGETHER * width)))
+        goes_on = b.call(turns, [*self.memory_of(b, more), going, few])
+        b.store(goes_on, taken)
         with loop(b, 0, width) as lane:
             bit = b.shl(integer(1), lane)
-            with b.if_then(b.icmp_signed("==", b.and_(b.load(taken, typ=I64), bit), integer(0))):
-                block = b.call(self.waiting(), [memory, n_blocks])
-                at_block, at_place = lender(lane)
-                with b.if_else(b.icmp_unsigned("!=", block, NULL)) as (some, none):
-                    with some:
-                        left = field(b, block, place.left, I64)
-                        state = b.cttz(left, ir.Constant(ir.IntType(1), 1))
-                        b.store(b.and_(left, b.sub(left, integer(1))), at(b, block, place.left))
-                        borrowed(lane, block, state)
-                        b.store(block, at_block)
-                        b.store(state, at_place)
-                        b.store(b.or_(b.load(taken, typ=I64), bit), taken)
-                    with none:
-                        # Numbers of no state could keep a loop from ending: the first state is there once more.
-                        with b.if_then(b.icmp_signed("!=", b.load(is_new, typ=I64), integer(0))):
-                            borrowed(lane, b.load(blocks, typ=PTR), b.load(places, typ=I64))
-        written(b, is_new, 0)
-        b.cbranch(b.icmp_signed("==", b.load(taken, typ=I64), integer(0)), end, body)
-        b.position_at_end(body)
-        is_none = b.icmp_unsigned("==", b.call(self.waiting(), [memory, n_blocks]), NULL)
-        few = b.select(is_none, integer(0), integer(int(FEW_TOGETHER * width)))
-        states = b.load(taken, typ=I64)
-        left = b.call(turns, [*self.memory_of(b, more), states, few])
-        with loop(b, 0, width) as lane:
-            is_done = b.and_(b.and_(states, b.not_(left)), b.shl(integer(1), lane))
-            with b.if_then(b.icmp_signed("!=", is_done, integer(0))):
-                at_block, at_place = lender(lane)
-                home_arguments, _, home_frame = self.memory_of(b, b.load(at_block, typ=PTR))
-                b.call(returned, [home_arguments, home_frame, b.load(at_place, typ=I64), arguments, frame, lane])
-        b.store(left, taken)
+            with b.if_then(b.icmp_signed("!=", b.and_(b.xor(going, goes_on), bit), zero)):
+                of_arguments, _, of_frame = self.memory_of(b, field(b, blocks, b.mul(lane, integer(8))))
+                state = field(b, states, b.mul(lane, integer(8)), I64)
+                b.call(returned, [of_arguments, of_frame, state, arguments, frame, bit])
         b.branch(head)
         b.position_at_end(end)
         b.ret_void()

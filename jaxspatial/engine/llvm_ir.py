@@ -50,9 +50,9 @@ class Written(NamedTuple):
 
     is_split: whether it also defines `@before`, `@turns` and `@after`, with the same parameters, which do the same one
     after the other. `@turns` takes two more: it ends where at most `few` of the `states`, a set of bits, go on, and
-    returns these. It can be called again, and `@lent(ptr %arguments, ptr %frame, i64 %state, ptr %of_arguments,
-    ptr %of_frame, i64 %of_state)` copies what turns read of one state to the place of another, with other memory;
-    `@returned`, with the same parameters, copies what they change.
+    returns these. It can be called again, and `@lent(ptr %arguments, ptr %frame, i64 %states, ptr %of_arguments,
+    ptr %of_frame, i64 %of_states)` copies what turns read of a set of states, in this order, to the places of as many
+    others, with other memory; `@returned`, with the same parameters, copies what they change.
     """
 
     text: str
@@ -967,8 +967,10 @@ class Writer:
         turns.lines.append("end:")
         turns.result = "i64 %left"
 
-        changed = [self._place_of(c[0]) for c in carried]
-        read = dict.fromkeys(x for node in self._read_in(k) if (x := self._place_of(node)) is not None)
+        changed, read = (
+            list(dict.fromkeys(x for node in nodes if (x := self._place_of(node)) is not None))
+            for nodes in ((c[0] for c in carried), self._read_in(k))
+        )
         return [before, turns, after, self._copy("lent", [*changed, *read]), self._copy("returned", changed)]
 
     def _read_in(self, k: int) -> Iterator[int]:
@@ -997,36 +999,55 @@ class Writer:
         return None, self.slots[node], dtype
 
     def _copy(self, name: str, places: Iterable[Place]) -> Function:
-        """A function that copies numbers of one state, as `lent` does."""
-        f = Function(name, ["ptr noalias %arguments", "ptr noalias %frame", "i64 %state"])
-        f.parameters = [*f.parameters, "ptr noalias %of_arguments", "ptr noalias %of_frame", "i64 %of_state"]
-        bits = f"i{self.width}"
-        f.entry += [f"  %bit = trunc i64 %state to {bits}", f"  %of_bit = trunc i64 %of_state to {bits}"]
-        f.entry += [f"  %one = shl {bits} 1, %bit", f"  %others = xor {bits} %one, -1"]
+        """A function that copies numbers of some states, as `lent` does: first together, then apart again.
+
+        Numbers that begin at many places are copied in a loop over a table of these.
+        """
+        f, mask, bits = Function(name, ()), self.type(BOOL), f"i{self.width}"
+        f.parameters = ["ptr noalias %arguments", "ptr noalias %frame", "i64 %states"]
+        f.parameters += ["ptr noalias %of_arguments", "ptr noalias %of_frame", "i64 %of_states"]
+        f.entry.append("  %memory = alloca [512 x i8], align 64")
+        for of in ("", "of_"):
+            f.entry.append(f"  %{of}bits = trunc i64 %{of}states to {bits}")
+            f.entry.append(f"  %{of}set = bitcast {bits} %{of}bits to {mask}")
+        found = collections.defaultdict[tuple, list[int]](list)
         for k, place, dtype in places:
+            # In the frame a mask has a bit for each state, in arguments a byte.
+            found[k, 1 if dtype.kind == "b" and k is None else 8 * dtype.itemsize].append(place)
+        for n, ((k, size), own) in enumerate(found.items()):
             arrays = (self.frame, "ptr %of_frame")
             if k is not None:
                 arrays = tuple(f.pointer(array, k) for array in ("arguments", "of_arguments"))
-            to, of = (self.offset(f, array, place) for array in arrays)
-            x = f.new()
-            if dtype.kind == "b" and k is None:
-                # A mask is a bit for each state.
-                old, hit, moved, kept, new = (f.new() for _ in range(5))
-                f.add(f"{x} = load {bits}, {of}")
-                f.add(f"{old} = load {bits}, {to}")
-                f.add(f"{hit} = lshr {bits} {x}, %of_bit")
-                f.add(f"{moved} = shl {bits} {hit}, %bit")
-                f.add(f"{kept} = and {bits} {old}, %others")
-                f.add(f"{new} = and {bits} {moved}, %one")
-                x, t = f.new(), bits
-                f.add(f"{x} = or {bits} {kept}, {new}")
-            else:
-                t, at, of_at = self.scalar(np.dtype(np.uint8) if dtype.kind == "b" else dtype), f.new(), f.new()
-                f.add(f"{of_at} = getelementptr {t}, {of}, i64 %of_state")
-                f.add(f"{at} = getelementptr {t}, {to}, i64 %state")
-                f.add(f"{x} = load {t}, ptr {of_at}")
-                to = f"ptr {at}"
-            f.add(f"store {t} {x}, {to}")
+            table, before = self._table_of(own, np.dtype(np.int32)), f"end{n - 1}" if n else "body"
+            f.add(f"br label %copy{n}")
+            f.lines.append(f"copy{n}:")
+            f.add(f"%k{n} = phi i64 [0, %{before}], [%next{n}, %copy{n}]")
+            f.add(f"%entry{n} = getelementptr i32, ptr {table}, i64 %k{n}")
+            f.add(f"%short{n} = load i32, ptr %entry{n}")
+            f.add(f"%place{n} = zext i32 %short{n} to i64")
+            to, of = (self.offset(f, array, f"%place{n}") for array in arrays)
+            inside, kind = f"<{self.width} x i{size}>", f"i{max(size, 32)}"
+            t, align = f"<{self.width} x {kind}>", f"align {max(self.width * size // 8, 1)}"
+            old, new, chosen, moved = (f.new() for _ in range(4))
+            for register, pointer in ((old, to), (new, of)):
+                narrow = f.new() if size < 32 else register
+                f.add(f"{narrow} = load {inside}, {pointer}, {align}")
+                if size < 32:
+                    f.add(f"{register} = zext {inside} {narrow} to {t}")
+            suffix = f"v{self.width}{kind}"
+            compress = f"llvm.experimental.vector.compress.{suffix}"
+            f.add(f"{chosen} = {self.call(compress, t, (t, new), (mask, '%of_set'), (t, 'poison'))}")
+            f.add(f"store {t} {chosen}, ptr %memory, align 64")
+            expand = f"llvm.masked.expandload.{suffix}"
+            f.add(f"{moved} = {self.call(expand, t, ('ptr', '%memory'), (mask, '%set'), (t, old))}")
+            if size < 32:
+                wide, moved = moved, f.new()
+                f.add(f"{moved} = trunc {t} {wide} to {inside}")
+            f.add(f"store {inside} {moved}, {to}, {align}")
+            f.add(f"%next{n} = add i64 %k{n}, 1")
+            f.add(f"%is_last{n} = icmp eq i64 %next{n}, {len(own)}")
+            f.add(f"br i1 %is_last{n}, label %end{n}, label %copy{n}")
+            f.lines.append(f"end{n}:")
         return f
 
     # -- operations ---------------------------------------------------------------------------------------------------

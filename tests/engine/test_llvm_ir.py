@@ -243,6 +243,15 @@ def test_when_states_are_brought_together_does_not_matter(few, few_together, tog
         assert_same_bits(in_handler(code, arrays), with_numpy(g, arrays))
 
 
+@is_x86
+@pytest.mark.parametrize("target", OLD.values(), ids=OLD)
+def test_split_programs_on_old_processors(target):
+    g, arrays = of_many_turns(200, F32, seed=3)
+    with mock.patch.object(llvm_ir, "LONGEST", 5):
+        code = code_of(g, 8, arrays, target)
+    assert_same_bits(in_handler(code, arrays, target), with_numpy(g, arrays))
+
+
 def test_sums_over_states_of_split_programs():
     """They have the bits of those of a program that is not split."""
     g, arrays = of_many_turns(700, F32, seed=2)
