@@ -433,6 +433,11 @@ def test_code_for_arm_has_every_operation_and_no_other(triple, width):
     counts = {name: names.count(name) for name in set(names)}
     assert counts["fmul"] == 100 and counts["fadd"] == counts["fsub"] == 50
     assert not set(counts) & {"fmadd", "fmsub", "fnmadd", "fnmsub", "fmla", "fmls"}
+    g, arrays = of_many_turns(16, F32)
+    with mock.patch.object(llvm_ir, "LONGEST", 5):
+        split_text = llvm_ir.written(g, width, [len(x) == 1 for x in arrays]).text
+    found = machine.emit_assembly(llvm.parse_assembly(split_text))
+    assert all((f"{name}:" in found) == (width > 1) for name in ("before", "turns", "after", "lent", "returned"))
 
 
 def test_a_graph_without_operations():
