@@ -9,8 +9,9 @@ with d in proportion to e . e [Fan, Yuan 2005]: careful far from the target, and
 limits that would go beyond are left out of a step, and what goes beyond in it is put back.
 """
 
+import functools
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -21,9 +22,11 @@ from jaxspatial.dynamics.configuration import integrate, random_configuration
 from jaxspatial.dynamics.jacobians import jacobian
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import checked, over_batch
+from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, Key, PrecisionName
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
@@ -68,8 +71,8 @@ def inverse_kinematics(
     Steps may get stuck, at a limit or at a least distance that is not zero. With a key, `starts` says from how many
     configurations to go: q first, then random ones. From one random start about half of the poses that an arm of seven
     joints can reach are solved, from 30 nearly all. `is_solved` says which, and of the others q is the one with the
-    least error of all steps. Of a batch each state takes the steps that it needs, and the call lasts as long as the
-    longest.
+    least error of all steps. Of a batch each state takes the steps that it needs. All take their steps from one
+    start before any begins at the next.
 
     Distances count in units of a length of the robot, the ratio of the parts of its Jacobian, so that its size does not
     matter. The derivative of q by targets and by numbers of the mechanism is that of the smallest motion that follows
@@ -119,16 +122,32 @@ def inverse_kinematics(
         raise ValueError("inverse_kinematics: mechanism: expected one with joints that move, got nv = 0")
     flat, batch = _targets(targets, frames, start)
     batch = check.broadcast_shapes(start.shape[:-1], batch)
-    of_jax: Any = key
-    seeds = [] if key is None else [jax.random.key_data(jax.random.split(of_jax, batch))]
+    names = (frames,) if isinstance(frames, str) else tuple(frames)
+    still, start, given = fixed((mechanism, jnp.broadcast_to(start, (*batch, start.shape[-1])), flat))
+    numbers = {"names": names, "iterations": iterations, "angle": angle, "distance": distance}
+    approach = functools.partial(_approach, resolve(precision), (still,), **numbers)
+    best = approach(start, given, None)
+    if starts > 1:
 
-    def of_one(q, flat, seeds) -> InverseKinematics:
-        keys = [jax.random.wrap_key_data(x, impl=jax.random.key_impl(of_jax)) for x in seeds]
-        task = _Task(mechanism, [frames] if isinstance(frames, str) else list(frames), flat, precision)
-        found = _moved_to_targets(task, q, keys[0] if keys else None, starts, iterations, angle, distance)
-        return found._replace(error=found.error.at_batch(0)) if isinstance(frames, str) else found
+        def again(state: tuple[jax.Array, _Best]) -> tuple[jax.Array, _Best]:
+            k, best = state
+            q = random_configuration(still, jax.random.fold_in(cast(Any, key), k), batch, start.dtype)
+            return k + 1, approach(q, given, best)
 
-    return over_batch(of_one, start, flat, seeds)
+        first = jnp.ones((), np.int32), best
+        best = lax.while_loop(lambda x: (x[0] < starts) & ~(x[1].size <= 1).all(), again, first)[1]
+
+    def ended(q, flat) -> tuple[jax.Array, SpatialVelocity, jax.Array]:
+        """(q with its derivatives, the error there, its size). One step more has the derivatives of the motion that
+        follows targets, and of no value."""
+        task = _Task(mechanism, names, flat, precision)
+        step = task.step(q, task.error(q), to_be_differentiated=True)
+        q = valued(task.moved(q, step), q)
+        error = task.error(q)
+        return q, error.at_batch(0) if isinstance(frames, str) else error, _size(error, angle, distance)
+
+    q, error, size = over_batch(ended, best.q, flat)
+    return InverseKinematics(q, error, size <= 1, best.iterations[..., 0])
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------
@@ -157,7 +176,7 @@ class _Task(NamedTuple):
     """What frames should be where. flat: the rotations (n 9,) and positions (n 3,) of targets, or the second alone."""
 
     mechanism: Mechanism
-    frames: list[str]
+    frames: Sequence[str]
     flat: list[Any]
     precision: PrecisionName
 
@@ -245,48 +264,68 @@ def _least_motion(A: jax.Array, error: jax.Array, damping: jax.Array) -> jax.Arr
     return solve(times(wide.T, wide), times(wide.T, e)).astype(A.dtype)
 
 
-class _State(NamedTuple):
-    """Where the steps are, and the best of where they have been. size: of an error, in units of tolerances."""
+class _Best(NamedTuple):
+    """The best configuration so far, (*batch, nq). size: of its error, in units of tolerances, (*batch, 1). iterations:
+    how many steps were taken, (*batch, 1)."""
 
     q: jax.Array
-    error: SpatialVelocity
-    best: jax.Array
     size: jax.Array
     iterations: jax.Array
 
 
-def _moved_to_targets(
-    task: _Task, q, key, starts: int, iterations: int, angle: float, distance: float
-) -> InverseKinematics:
-    """`inverse_kinematics` of one state. angle, distance: the tolerances."""
-    mechanism, start, flat = fixed((task.mechanism, q, task.flat))
-    held = task._replace(mechanism=mechanism, flat=flat)
+class _State(NamedTuple):
+    """Where the steps are, the best of where they have been, and how many from this start."""
 
-    def size(e: SpatialVelocity) -> jax.Array:
-        turn, way = (jnp.sqrt(jnp.max(jnp.sum(x * x, -1))) for x in (jnp.asarray(e.w), jnp.asarray(e.v)))
-        largest = jnp.maximum(turn / angle, way / distance)
-        return jnp.where(jnp.isnan(largest), np.inf, largest).astype(way.dtype)
+    q: jax.Array
+    error: SpatialVelocity
+    best: _Best
+    steps: jax.Array
 
-    def nearer(state: _State) -> _State:
-        q = held.moved(state.q, held.step(state.q, state.error))
-        n = state.iterations + 1
-        if starts > 1:
-            again = random_configuration(mechanism, jax.random.fold_in(key, n), (), q.dtype)
-            q = jnp.where(n % iterations == 0, again, q)
-        error = held.error(q)
-        found = size(error)
-        is_better = found < state.size
-        best = jnp.where(is_better, q, state.best)
-        return _State(q, error, best, jnp.where(is_better, found, state.size), n)
+
+def _size(error: SpatialVelocity, angle: float, distance: float) -> jax.Array:
+    """Of the errors (n,) of one state, in units of the tolerances; infinite where they are NaN."""
+    turn, way = (jnp.sqrt(jnp.max(jnp.sum(x * x, -1))) for x in (jnp.asarray(error.w), jnp.asarray(error.v)))
+    largest = jnp.maximum(turn / angle, way / distance)
+    return jnp.where(jnp.isnan(largest), np.inf, largest).astype(way.dtype)
+
+
+@composite
+def _approach(
+    precision: Precision,
+    scene: tuple[Mechanism],
+    q: jax.Array,
+    flat: list[jax.Array],
+    before: _Best | None,
+    *,
+    names: tuple[str, ...],
+    iterations: int,
+    angle: float,
+    distance: float,
+) -> _Best:
+    """The best configuration of some steps from a start, and of those before. As one program: in a batch each state
+    ends by itself."""
+    (mechanism,) = scene
+    task = _Task(mechanism, names, flat, precision.value)
+
+    def nearer(best: _Best, q, error: SpatialVelocity, steps) -> _Best:
+        found = _size(error, angle, distance)[None]
+        is_better = (found < best.size) & ~(best.size <= 1)
+        taken = best.iterations + steps
+        return _Best(jnp.where(is_better, q, best.q), jnp.where(is_better, found, best.size), taken)
+
+    def stepped(state: _State) -> _State:
+        q = task.moved(state.q, task.step(state.q, state.error))
+        error = task.error(q)
+        return _State(q, error, nearer(state.best, q, error, 1), state.steps + 1)
 
     # A step of length 0 normalises quaternions.
-    start = held.moved(start, np.zeros(mechanism.nv, q.dtype))
-    error = held.error(start)
-    state = _State(start, error, start, size(error), jnp.zeros((), np.int32))
-
-    state = lax.while_loop(lambda x: ~(x.size <= 1) & (x.iterations < starts * iterations), nearer, state)
-    # One step more has the derivatives of the motion that follows targets, and of no value.
-    followed = task.moved(state.best, task.step(state.best, task.error(state.best), to_be_differentiated=True))
-    q = valued(followed, state.best)
+    q = task.moved(q, np.zeros(mechanism.nv, q.dtype))
     error = task.error(q)
-    return InverseKinematics(q, error, size(error) <= 1, state.iterations)
+    if before is None:
+        before = _Best(q, jnp.full(1, np.inf, q.dtype), jnp.zeros(1, np.int32))
+    start = _State(q, error, nearer(before, q, error, 0), jnp.zeros(1, np.int32))
+
+    def goes_on(state: _State) -> jax.Array:
+        return (~(state.best.size <= 1) & (state.steps < iterations))[0]
+
+    return lax.while_loop(goes_on, stepped, start).best
