@@ -12,7 +12,7 @@ dynamic equations]
 """
 
 import functools
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -31,9 +31,11 @@ from jaxspatial.contact.closures import (
 from jaxspatial.dynamics.configuration import difference, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
+from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.numerics import check
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
@@ -373,28 +375,44 @@ def _regularization(dtype) -> float:
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
-def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
-    """`close_loops` of one state."""
-    mechanism, precision = loops.mechanism, loops.precision
-    # A step of length 0 normalises quaternions.
-    at_rest = np.zeros(mechanism.nv, q.dtype)
-    if not loops.closures or not mechanism.nv:
-        q = integrate(mechanism, q, at_rest, precision=precision)
-        left = jnp.abs(errors_of(loops.placed(q), q.dtype))
-        return ClosedConfiguration(q, jnp.max(left) if loops.closures else jnp.zeros((), q.dtype))
-    mechanism, start, distances = fixed((mechanism, q, loops.distances))
-    held = loops._replace(mechanism=mechanism, distances=distances)
+@composite
+def _nearly_closed(
+    precision: Precision,
+    scene: tuple[Mechanism, tuple[LoopClosure, ...]],
+    q: jax.Array,
+    distances: Sequence[Any],
+    *,
+    iterations: int,
+) -> jax.Array:
+    """The configuration after so many iterations, as one program."""
+    mechanism, closures = scene
+    loops = LoopsOfState(mechanism, closures, distances, precision.value)
 
     def nearer(_, q) -> jax.Array:
-        placed = held.placed(q)
-        rows = held.jacobian(q, placed)
+        placed = loops.placed(q)
+        rows = loops.jacobian(q, placed)
         scale, A = _equilibrated(times(rows.J, rows.J.T), rows)
         error = scale * errors_of(placed, q.dtype)
         damping = _regularization(A.dtype) + _DAMPING * jnp.sum(error * error)
         step = times(scale * times(_inverse(A, damping), error), rows.J)
-        return integrate(mechanism, q, -step, precision=precision)
+        return integrate(mechanism, q, -step, precision=loops.precision)
 
-    end = lax.fori_loop(0, iterations, nearer, integrate(mechanism, start, at_rest, precision=precision))
+    # A step of length 0 normalises quaternions.
+    q = integrate(mechanism, q, np.zeros(mechanism.nv, q.dtype), precision=loops.precision)
+    return lax.fori_loop(0, iterations, nearer, q)
+
+
+def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
+    """`close_loops` of one state."""
+    mechanism, precision = loops.mechanism, loops.precision
+    if not loops.closures or not mechanism.nv:
+        # A step of length 0 normalises quaternions.
+        q = integrate(mechanism, q, np.zeros(mechanism.nv, q.dtype), precision=precision)
+        left = jnp.abs(errors_of(loops.placed(q), q.dtype))
+        return ClosedConfiguration(q, jnp.max(left) if loops.closures else jnp.zeros((), q.dtype))
+    mechanism, start, distances = fixed((mechanism, q, loops.distances))
+    held = loops._replace(mechanism=mechanism, distances=distances)
+    end = _nearly_closed(resolve(precision), (mechanism, loops.closures), start, distances, iterations=iterations)
     # One more step, undamped, in which the start and all numbers vary. What it leaves is of second order in their
     # changes, and of the step after it the second order is that of a step along constant rows.
     moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)

@@ -408,6 +408,10 @@ def moves():
         "gather": lambda x: (x[:, np.array([2, 0])], x[np.array([1, 0, 1])], x[np.array([1, 0]), :, None]),
         "gather from rows": lambda x: x[np.arange(2)[:, None], np.array([[2, 0], [1, 1]])],
         "gather from batches": lambda x: jax.vmap(lambda row, at: row[at])(x, np.array([[2, 0], [1, 1]])),
+        "diagonal": lambda x: (
+            jnp.diagonal(x[:, :2]),
+            lax.platform_dependent(x, tpu=lambda x: -x, default=lambda x: x),
+        ),
         "nothing": lambda x: (),
         "the same twice": lambda x: (x, x, x[1], x[1, 2]),
     }
