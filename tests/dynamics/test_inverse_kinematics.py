@@ -112,6 +112,22 @@ def test_a_solution_is_left_as_it_is():
     assert not lost.is_solved.any() and jnp.isfinite(lost.q).all() and jnp.isnan(lost.error.v).all()
 
 
+def test_each_state_of_a_batch_ends_by_itself():
+    """With the bits of a call of its own; and what is solved stays as it is while others begin anew."""
+    mech, X_WT, start, _ = solved()
+    find = jax.jit(
+        lambda q, X, starts: js.inverse_kinematics(mech, q, "hand", X, key=KEY, starts=starts), static_argnums=2
+    )
+    once, more = (jax.tree.map(np.asarray, find(start, X_WT, starts)) for starts in (1, 3))
+    is_solved = once.is_solved
+    assert 5 < is_solved.sum() < more.is_solved.sum() and len(np.unique(once.iterations)) > 5
+    for k in (0, 7, 20, 39):
+        alone = find(start[k], X_WT.at_batch(k), 1)
+        assert (alone.q == once.q[k]).all() and alone.iterations == once.iterations[k]
+    assert (more.q[is_solved] == once.q[is_solved]).all()
+    assert (more.iterations[is_solved] == once.iterations[is_solved]).all() and (more.iterations[~is_solved] > 20).all()
+
+
 @pytest.mark.slow
 def test_the_size_of_a_robot_does_not_matter():
     """Scaled by a power of two, with its targets and the tolerance, it takes the same steps."""
