@@ -70,8 +70,8 @@ LARGEST_ON_STACK = 1 << 16
 LINE = 64
 # Of code that is split at a loop. TOGETHER: bytes of memory of the blocks that are computed together. FEW: the share of
 # the states of a block at which those that go on are brought together with others. FEW_TOGETHER: the share at which
-# others take the places of those that are done. A step of solo12 on the ground takes 1.4 us with these numbers, and no
-# less with others; 2.4 where all states of a block wait for the last one. Of 16 states that one takes 6.7 iterations,
+# others take the places of those that are done. A step of solo12 on the ground takes 1.1 us with these numbers, and no
+# less with others; 2.0 where all states of a block wait for the last one. Of 16 states that one takes 6.7 iterations,
 # where a state takes 2.3.
 TOGETHER = 1 << 20
 FEW, FEW_TOGETHER = 0.5, 0.75
@@ -139,7 +139,7 @@ def least_alike(n: int) -> int:
 def code_of(graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n: int) -> Code:
     """The code of a graph for one state, or for several side by side."""
     width = 1 if n == 1 else width_of(graph)
-    written = llvm_ir.written(graph, width, [x.is_shared for x in arguments], host().has_fma)
+    written = llvm_ir.written(graph, width, [x.is_shared for x in arguments], host().has_fma, host().has_compress)
     return Code(written.text, width, tuple(arguments), tuple(results), *written[1:])
 
 
@@ -165,6 +165,11 @@ class Target(NamedTuple):
     def has_fma(self) -> bool:
         """Whether it multiplies and adds in one step, rounded once."""
         return architecture() != "x86_64" or "+fma" in self.features.split(",")
+
+    @property
+    def has_compress(self) -> bool:
+        """Whether it brings some numbers of a vector together in one step."""
+        return "+avx512vl" in self.features.split(",")
 
 
 class Compiled:

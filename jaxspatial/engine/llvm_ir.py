@@ -64,13 +64,18 @@ class Written(NamedTuple):
     is_split: bool = False
 
 
-def written(graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool = True) -> Written:
+def written(
+    graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool = True, has_compress: bool = False
+) -> Written:
     """The IR of a graph for `width` states.
 
     is_shared: whether all states share an argument. has_fma: whether the processor multiplies and adds in one step;
-    without, the error of a product has the same bits, and takes more steps.
+    without, the error of a product has the same bits, and takes more steps. has_compress: whether it brings some
+    numbers of a vector together in one step.
     """
-    return Writer(graph, width, is_shared, has_fma).written()
+    writer = Writer(graph, width, is_shared, has_fma)
+    writer.has_compress = has_compress
+    return writer.written()
 
 
 # -- which operations are needed, and in which order -------------------------------------------------------------------
@@ -345,7 +350,7 @@ class Writer:
         self, graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool, n_registers: int = N_REGISTERS
     ):
         self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph, n_registers)
-        self.has_fma, self.longest = has_fma, LONGEST
+        self.has_fma, self.has_compress, self.longest = has_fma, False, LONGEST
         self.declared, self.globals = set[str](), dict[str, str]()
         self.types, self.literals = dict[str, str](), dict[int, str]()
         self.templates: dict[tuple[str, str, str, bool], str] = {}
@@ -1009,7 +1014,9 @@ class Writer:
     def _copy(self, name: str, places: Iterable[Place]) -> Function:
         """A function that copies numbers of some states, as `lent` does: first together, then apart again.
 
-        Numbers that begin at many places are copied in a loop over a table of these.
+        Numbers that begin at many places are copied in a loop over a table of these. They are brought together in a
+        register and not in memory where there is an instruction for it, as that for memory is slow on some processors;
+        but LLVM 22 stores vectors that it splits where they are not aligned.
         """
         f, mask, bits = Function(name, ()), self.type(BOOL), f"i{self.width}"
         f.parameters = ["ptr noalias %arguments", "ptr noalias %frame", "i64 %states"]
@@ -1035,7 +1042,7 @@ class Writer:
             f.add(f"%place{n} = zext i32 %short{n} to i64")
             to, of = (self.offset(f, array, f"%place{n}") for array in arrays)
             inside, kind = f"<{self.width} x i{size}>", f"i{max(size, 32)}"
-            t, align = f"<{self.width} x {kind}>", f"align {max(self.width * size // 8, 1)}"
+            t, align = f"<{self.width} x {kind}>", f"align {min(max(self.width * size // 8, 1), 64)}"
             old, new, chosen, moved = (f.new() for _ in range(4))
             for register, pointer in ((old, to), (new, of)):
                 narrow = f.new() if size < 32 else register
@@ -1043,9 +1050,13 @@ class Writer:
                 if size < 32:
                     f.add(f"{register} = zext {inside} {narrow} to {t}")
             suffix = f"v{self.width}{kind}"
-            compress = f"llvm.experimental.vector.compress.{suffix}"
-            f.add(f"{chosen} = {self.call(compress, t, (t, new), (mask, '%of_set'), (t, 'poison'))}")
-            f.add(f"store {t} {chosen}, ptr %memory, align 64")
+            if self.has_compress and self.width * max(size, 32) <= 512:
+                compress = f"llvm.experimental.vector.compress.{suffix}"
+                f.add(f"{chosen} = {self.call(compress, t, (t, new), (mask, '%of_set'), (t, 'poison'))}")
+                f.add(f"store {t} {chosen}, ptr %memory, align 64")
+            else:
+                compress = f"llvm.masked.compressstore.{suffix}"
+                f.add(self.call(compress, "void", (t, new), ("ptr", "%memory"), (mask, "%of_set")))
             expand = f"llvm.masked.expandload.{suffix}"
             f.add(f"{moved} = {self.call(expand, t, ('ptr', '%memory'), (mask, '%set'), (t, old))}")
             if size < 32:

@@ -29,7 +29,8 @@ OLD = {
 
 @pytest.fixture(autouse=True)
 def in_64_bits():
-    with jax.enable_x64(True):
+    """And with programs that are split at every loop that may be, however short."""
+    with jax.enable_x64(True), mock.patch.object(llvm_ir, "LEAST_SPLIT", 0):
         yield
 
 
@@ -171,11 +172,11 @@ def test_more_random_functions_have_the_bits_of_the_graph(seed):
     test_random_functions_have_the_bits_of_the_graph(seed)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [*range(3), *(slow(k) for k in range(3, 60))])
 def test_random_functions_in_the_handler_have_the_bits_of_xla(seed):
     f, arrays = graphs.random_function(1000 + seed)
     g = graph_of(f, *arrays)
-    assert_same_bits(in_handler(code_of(g, 16, arrays), arrays), with_xla(f, arrays))
+    assert_same_bits(in_handler(code_of(g, [16, 8, 4][seed % 3], arrays), arrays), with_xla(f, arrays))
 
 
 # -- programs that are split at a loop ---------------------------------------------------------------------------------
@@ -198,16 +199,16 @@ def many_turns(x, turns, mask, shared):
         b = lax.select((is_up | is_odd) & mask[1], b + rows[:3] * a, b - shared.at[place].get(mode="clip")[0])
         return a, k + 1, ~is_odd, b
 
-    start = x[1], jnp.int32(0), mask, x[1:4]
+    start = x[1], turns.dtype.type(0) * turns[0], mask, x[1:4]
     a, k, is_odd, b = lax.while_loop(lambda s: s[1] < turns[0], turn, start)
     return a, k[None], is_odd, b * last, rows + a
 
 
-def of_many_turns(n, dtype, seed=0):
+def of_many_turns(n, dtype, seed=0, integer=I32):
     """(the graph, arguments of n states). Most states need few turns, some many."""
     rng = np.random.default_rng(seed)
     x = rng.uniform(-1, 1, (n, 16)).astype(dtype)
-    turns = np.minimum(rng.geometric(0.3, (n, 1)) - 1, 40).astype(I32) * rng.choice([0, 1, 1, 9], (n, 1)).astype(I32)
+    turns = (np.minimum(rng.geometric(0.3, (n, 1)) - 1, 40) * rng.choice([0, 1, 1, 9], (n, 1))).astype(integer)
     arrays = x, turns, rng.random((n, 3)) < 0.5, rng.uniform(-1, 1, (1, 16)).astype(dtype)
     with mock.patch.object(graph, "MOST_UNROLLED", 0):
         return graph_of(many_turns, *arrays), arrays
@@ -222,7 +223,7 @@ def split(g, width, arrays, longest=5):
 
 @pytest.mark.parametrize("width, dtype", [(1, F32), (4, F64), (8, F64), (16, F32)])
 def test_split_programs_have_the_bits_of_the_graph(width, dtype):
-    g, arrays = of_many_turns(700, dtype)
+    g, arrays = of_many_turns(700, dtype, integer=I64 if width == 16 else I32)
     expected = with_numpy(g, arrays)
     code = split(g, width, arrays)
     assert_same_bits(by_itself(code, arrays), expected)

@@ -53,7 +53,8 @@ def code_of(g, width, arrays, target=None):
     """A graph as code for arrays (n, ...), or (1, ...) where all states share one."""
     n = max(map(len, arrays))
     is_shared = [len(x) != n for x in arrays]
-    written = llvm_ir.written(g, width, is_shared, (target or cpu.host()).has_fma)
+    target = target or cpu.host()
+    written = llvm_ir.written(g, width, is_shared, target.has_fma, target.has_compress)
     arguments = [cpu.Argument(x[0].size, x.dtype, s) for x, s in zip(arrays, is_shared, strict=True)]
     results = [cpu.Result(x.size, dtype) for x, dtype in zip(g.results, dtypes_of(g), strict=True)]
     return cpu.Code(written.text, width, tuple(arguments), tuple(results), *written[1:])
