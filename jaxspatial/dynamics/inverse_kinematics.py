@@ -146,8 +146,8 @@ def inverse_kinematics(
         error = task.error(q)
         return q, error.at_batch(0) if isinstance(frames, str) else error, _size(error, angle, distance)
 
-    q, error, size = over_batch(ended, best.q, flat)
-    return InverseKinematics(q, error, size <= 1, best.iterations[..., 0])
+    found, error, size = over_batch(ended, best.q, flat)
+    return InverseKinematics(found, error, size <= 1, best.iterations[..., 0])
 
 
 # -- arguments --------------------------------------------------------------------------------------------------------
