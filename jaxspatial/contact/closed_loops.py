@@ -233,10 +233,13 @@ def constrained_forward_dynamics(
     if stabilization is not None:
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
-    at = q, v, tau, k, forces
-    return over_batch(
-        lambda own, *at: _constrained(LoopsOfState(mechanism, closures, own, precision), *at), distances, *at
-    )
+    if closures and mechanism.nv:
+        return _constrained(resolve(precision), (mechanism, closures), q, v, tau, k, forces, distances)
+    # Without velocities nothing moves whatever the wrenches are.
+    vdot = forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
+    batch = check.broadcast_shapes(vdot.shape[:-1], *(x.shape[:-1] for x in jax.tree.leaves((distances, k))))
+    vdot = jnp.broadcast_to(vdot, (*batch, mechanism.nv))
+    return ConstrainedDynamics(vdot, SpatialForce.zero((*batch, len(closures)), dtype))
 
 
 def close_loops(
@@ -302,15 +305,23 @@ def _checked(operation: str, mechanism: Mechanism, loops, **arguments) -> tuple:
 # -- dynamics ---------------------------------------------------------------------------------------------------------
 
 
-def _constrained(loops: LoopsOfState, q, v, tau, k, forces) -> ConstrainedDynamics:
-    """`constrained_forward_dynamics` of one state."""
+@composite
+def _constrained(
+    precision: Precision,
+    scene: tuple[Mechanism, tuple[LoopClosure, ...]],
+    q,
+    v,
+    tau,
+    k,
+    forces,
+    distances: Sequence[Any],
+) -> ConstrainedDynamics:
+    """`constrained_forward_dynamics` of one state, as one program."""
+    loops = LoopsOfState(*scene, distances, precision.value)
 
     def of_tree(tau) -> jax.Array:
         return forward_dynamics(loops.mechanism, q, v, tau, forces, precision=loops.precision)
 
-    if not loops.closures or not loops.mechanism.nv:
-        # Without velocities nothing moves whatever the wrenches are.
-        return ConstrainedDynamics(of_tree(tau), SpatialForce.zero(len(loops.closures), q.dtype))
     # The derivative by tau is M^-1, with the factors that vdot is computed with.
     vdot, times_inverse = jax.linearize(of_tree, tau)
     placed = loops.placed(q)
