@@ -23,7 +23,7 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.articulated import of_body
 from jaxspatial.numerics import numbers
-from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Vector, Wrench, cross, dot, each, skew
+from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Vector, Wrench, cross, dot, entrywise, skew
 from jaxspatial.numerics.numbers import Number, Numbers, doubled, is_constant
 from jaxspatial.spatial.algebra import (
     acted_inertia,
@@ -296,7 +296,7 @@ def _by_coordinates(state: MechanismState, matrix: Number) -> Number:
             # dq/dt = G v, where the columns g of G are orthogonal, those of quaternions too: v = G^+ dq/dt, with rows
             # g / |g|^2.
             units = (tuple(state.known(float(i == k)) for i in range(kind.nv)) for k in range(kind.nv))
-            inverse = [tuple(each(operator.mul, [1 / dot(g, g)] * len(g), g)) for g in joints.dq_dt(*units)]
+            inverse = [tuple(entrywise(operator.mul, [1 / dot(g, g)] * len(g), g)) for g in joints.dq_dt(*units)]
             # Numbers (1, joints, B) beside rows (joints, n, B).
             lifted = ([matrices.transposed(x) for x in row] for row in zip(*inverse, strict=True))
             columns += [dot(row, by_velocity) for row in lifted]

@@ -17,7 +17,7 @@ from jaxspatial.engine.state import JointsOfKind, MechanismState
 from jaxspatial.mechanism import Mechanism, Tendon
 from jaxspatial.mechanism.joints import Ball
 from jaxspatial.numerics import check
-from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.linear import Vector, dot
 from jaxspatial.numerics.numbers import Number, Numbers, high, where
 from jaxspatial.numerics.promise import Normwise, promises
@@ -126,16 +126,11 @@ def passive_forces_or_none(
     if rows := _rows_of_tendons(mechanism, np.dtype(q.dtype), compliance):
         places, numbers = zip(*rows, strict=True)
         of_tendons = _tendon_forces(precision, mechanism, q, v, numbers, places=places)
-        forces = of_tendons if forces is None else _sum(precision, forces, of_tendons)
+        forces = of_tendons if forces is None else plus(precision, forces, of_tendons)
     if mechanism.lifts is not None and not (is_nothing(mechanism.lifts.mass) or is_nothing(mechanism.gravity)):
         of_lifts = inverse_dynamics_of(precision, mechanism.lifted, q, None, None, None, operation="passive_forces")
-        forces = of_lifts if forces is None else _sum(precision, forces, of_lifts)
+        forces = of_lifts if forces is None else plus(precision, forces, of_lifts)
     return forces
-
-
-@formula(by_number=True)
-def _sum(a: Number, b: Number):
-    return a + b
 
 
 def damping_coefficients(

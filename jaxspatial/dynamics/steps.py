@@ -24,7 +24,7 @@ from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
-from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.numbers import Number, doubled
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.promise import Normwise, promises
@@ -409,11 +409,6 @@ def euler(x: Number, dt: Number, rate: Number):
 @formula(by_number=True)
 def _rk4_mean(x: Number, dt: Number, k1: Number, k2: Number, k3: Number, k4: Number):
     return x + dt * ((k1 + k4) + doubled(k2 + k3)) / 6
-
-
-@formula(by_number=True)
-def plus(a: Number, b: Number):
-    return a + b
 
 
 @formula(by_number=True)

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.numerics import check
-from jaxspatial.numerics.formula import formula
+from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.numbers import Number, where
-from jaxspatial.numerics.quantity import exported_tree_of
-from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 if TYPE_CHECKING:
     from jaxspatial.mechanism.mechanism import Mechanism
@@ -22,7 +22,7 @@ _NUMBERS = "gain", "bias", "stiffness", "damping", *_LIMITS
 
 
 @exported_tree_of("names", "joints")
-class Actuators:
+class Actuators(OfOneDtype):
     """Motors that pull at joints: servos, speed controllers, motors of a torque.
 
         force = clip(gain ctrl + bias - stiffness L - damping dL/dt, lower, upper)        L = sum gears q
@@ -91,11 +91,11 @@ class Actuators:
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        names = _texts("names", self.names)
+        names = check.as_names(self.names, "Actuators: names")
         joints = [(name,) for name in names] if self.joints is None else self.joints
         if isinstance(joints, str) or not isinstance(joints, Iterable):
             raise TypeError(f"Actuators: joints: expected a sequence of names, or of sequences of them, got {joints!r}")
-        joints = tuple((x,) if isinstance(x, str) else _texts("joints", x) for x in joints)
+        joints = tuple((x,) if isinstance(x, str) else check.as_names(x, "Actuators: joints") for x in joints)
         if len(joints) != len(names) or not all(joints):
             raise ValueError(f"Actuators: joints: expected one or more for each of {len(names)} names, got {joints}")
         object.__setattr__(self, "names", names)
@@ -173,16 +173,6 @@ class Actuators:
         """The dtype of the numbers."""
         return np.dtype(self.gain.dtype)
 
-    def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
-
-        Example:
-            >>> motors = js.Actuators(["shoulder", "elbow"], gears=np.float64([50.0, 50.0]))
-            >>> print(motors.dtype, motors.astype(np.float32).dtype)
-            float64 float32
-        """
-        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
-
     def torques(
         self,
         mech: "Mechanism",
@@ -223,25 +213,26 @@ class Actuators:
         batches = {name: x.shape[:-1] for name, x in arrays.items()}
         batch = check.common_batch_shape(actuators=self.batch_shape, **batches)
         pulls = _pulls(mech, self.joints)
-        dtype, gears = arrays["q"].dtype, self._each("gears", len(pulls.actuator))
+        dtype, gears = arrays["q"].dtype, self._repeated("gears", len(pulls.actuator))
         coordinate, rate = arrays["q"][..., pulls.q], arrays["v"][..., pulls.v]
-        if not pulls.follows_nothing:
-            numbers = _of_mimics(mech, pulls, dtype)
-            coordinate, rate = _plus(precision, coordinate, *numbers), _times(precision, rate, numbers[0])
+        mimics = None if pulls.follows_nothing else mech.mimics[pulls.joint].astype(dtype)
+        if mimics is not None:
+            coordinate = _followed(precision, coordinate, mimics[:, 0], mimics[:, 1])
+            rate = _times(precision, rate, mimics[:, 0])
         length, speed = (_sums(precision, _times(precision, gears, x), pulls.of_actuator) for x in (coordinate, rate))
-        limits = {name: self._each(name, n) for name in _LIMITS}
+        limits = {name: self._repeated(name, n) for name in _LIMITS}
         u = _clipped(precision, arrays["ctrl"], limits["ctrl_lower"], limits["ctrl_upper"])
-        numbers = (self._each(name, n) for name in ("gain", "bias", "stiffness", "damping"))
+        numbers = (self._repeated(name, n) for name in ("gain", "bias", "stiffness", "damping"))
         force = _clipped(precision, _force(precision, u, length, speed, *numbers), limits["lower"], limits["upper"])
         pulled = _times(precision, gears, force[..., pulls.actuator])
-        if not pulls.follows_nothing:
-            pulled = _times(precision, pulled, _of_mimics(mech, pulls, dtype)[0])
+        if mimics is not None:
+            pulled = _times(precision, pulled, mimics[:, 0])
         tau = _sums(precision, pulled, pulls.of_velocity)
         tau = jnp.broadcast_to(tau, (*batch, mech.nv))
         limit = mech.effort_limit
         return _clipped(precision, tau, -limit.astype(dtype), limit.astype(dtype))
 
-    def _each(self, name: str, n: int):
+    def _repeated(self, name: str, n: int):
         """The numbers of a field, one for each of n."""
         x = getattr(self, name)
         xp = np if isinstance(x, np.ndarray) else jnp
@@ -250,13 +241,6 @@ class Actuators:
     def __repr__(self) -> str:
         numbers = ", ".join(f"{name}={check.shown(getattr(self, name), 0)}" for name in ("gears", *_NUMBERS[:4]))
         return f"Actuators({list(self.names)}, {numbers})"
-
-
-def _texts(what: str, names) -> tuple[str, ...]:
-    found = tuple(names) if isinstance(names, Iterable) and not isinstance(names, str) else None
-    if found is None or not all(isinstance(name, str) for name in found):
-        raise TypeError(f"Actuators: {what}: expected a sequence of names, got {names!r}")
-    return found
 
 
 # -- where actuators pull ---------------------------------------------------------------------------------------------
@@ -297,12 +281,6 @@ def _grouped(of: np.ndarray, n: int) -> np.ndarray:
     return np.array([[*x, *[len(of)] * (width - len(x))] for x in places], int).reshape(n, width)
 
 
-def _of_mimics(mech: "Mechanism", pulls: _Pulls, dtype) -> tuple[Any, Any]:
-    """(multipliers, offsets) of the joints that are pulled at."""
-    multipliers, offsets = (mech.mimics[pulls.joint, k].astype(dtype) for k in (0, 1))
-    return multipliers, offsets
-
-
 def _sums(precision: PrecisionName, x: jax.Array, groups: np.ndarray) -> jax.Array:
     """The sums (*batch, n) of groups (n, width) of numbers (*batch, k); number k is zero."""
     n, width = groups.shape
@@ -313,7 +291,7 @@ def _sums(precision: PrecisionName, x: jax.Array, groups: np.ndarray) -> jax.Arr
     x = jnp.concatenate([x, jnp.zeros((*x.shape[:-1], 1), x.dtype)], -1)
     terms = [x[..., groups[:, k]] for k in range(width)]
     while len(terms) > 1:
-        sums = [_sum(precision, a, b) for a, b in zip(terms[::2], terms[1::2], strict=False)]
+        sums = [plus(precision, a, b) for a, b in zip(terms[::2], terms[1::2], strict=False)]
         terms = [*sums, *terms[len(terms) // 2 * 2 :]]
     return terms[0]
 
@@ -342,10 +320,5 @@ def _times(a: Number, b: Number) -> Number:
 
 
 @formula(by_number=True)
-def _sum(a: Number, b: Number) -> Number:
-    return a + b
-
-
-@formula(by_number=True)
-def _plus(q: Number, multiplier: Number, offset: Number) -> Number:
+def _followed(q: Number, multiplier: Number, offset: Number) -> Number:
     return multiplier * q + offset

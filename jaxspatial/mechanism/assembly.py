@@ -115,11 +115,11 @@ class _Tree:
         self.moving, self.parents = list[Joint](), list[int]()
         self.placements, self.masses = list[RigidTransform](), list[list[SpatialInertia]]()
         self.places = dict[str, tuple[int, RigidTransform]]()
-        self.held, self.carried_by = dict[str, list[Joint]](), {WORLD: WORLD}
+        self.hanging, self.carried_by = dict[str, list[Joint]](), {WORLD: WORLD}
         self.mimics = _resolved(joints)
         self.welds = list[tuple[Joint, RigidTransform]]()
         for joint in reversed(joints):
-            self.held.setdefault(joint.parent, []).append(joint)
+            self.hanging.setdefault(joint.parent, []).append(joint)
         pending = self._place(WORLD, -1, identity())
         while pending:
             pending += self._place(*self._attach(pending.pop()))
@@ -129,7 +129,7 @@ class _Tree:
         self.places[name] = carrier, X
         if carrier >= 0:
             self.masses[carrier] += [_acted(X, M) for M in self._own(name)]
-        return self.held.get(name, [])
+        return self.hanging.get(name, [])
 
     def _attach(self, joint: Joint):
         carrier, X = self.places[joint.parent]

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import jax
 import numpy as np
 
-from jaxspatial.mechanism.forces import names_of_frames
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import exported_tree_of
+from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike
 
 if TYPE_CHECKING:
@@ -20,7 +19,7 @@ _PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
 
 
 @exported_tree_of("frames")
-class PointContacts:
+class PointContacts(OfOneDtype):
     """Spheres on named frames that touch the ground: the `contacts` of `contact_forces`.
 
     Sphere i has its centre at position i of frame i; with a radius of zero it is a point. Any number of spheres may be
@@ -73,7 +72,7 @@ class PointContacts:
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        frames = names_of_frames("PointContacts", self.frames)
+        frames = check.as_names(self.frames, "PointContacts: frames")
         object.__setattr__(self, "frames", frames)
         given = {name: getattr(self, name) for name in ("positions", *_PARAMETERS)}
         if all(map(check.is_tree_mark, given.values())):
@@ -224,16 +223,6 @@ class PointContacts:
     def dtype(self) -> np.dtype[Any]:
         """The dtype of the numbers."""
         return np.dtype(self.stiffness.dtype)
-
-    def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
-
-        Example:
-            >>> feet = js.PointContacts(["hand"], stiffness=np.float64(1e4), relaxation_time=0.01, friction=0.8)
-            >>> print(feet.dtype, feet.astype(np.float32).dtype)
-            float64 float32
-        """
-        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def __repr__(self) -> str:
         parts = ["positions"] if self.positions is not None else []

@@ -659,8 +659,8 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     R, p, half_a, half_b = _in_b(precision, a.pose, a.half, b.pose, b.half)
     batch, dtype = p.shape[:-1], np.dtype(p.dtype)
     # With one more axis, over parts of each item.
-    each: list[Any] = [jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :] for x in (R, p, half_a, half_b)]
-    R_, center, own, other = each
+    wide: list[Any] = [jnp.broadcast_to(x, (*batch, x.shape[-1]))[..., None, :] for x in (R, p, half_a, half_b)]
+    R_, center, own, other = wide
     axes, middles, corners = np.array([2]), np.zeros((1, 3), dtype), np.array([[0, 0, -1], [0, 0, 1]], dtype)
     if not is_line:
         axes, middles, corners = _AXES, _MIDDLES.astype(dtype), _CORNERS.astype(dtype)

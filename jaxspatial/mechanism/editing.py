@@ -4,7 +4,6 @@ import dataclasses
 import math
 import operator
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import jax
 import numpy as np
@@ -104,11 +103,15 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
         >>> print(stiff.joint_names, js.mass_matrix(stiff, jnp.zeros(1)))
         ('shoulder',) [[5.3333]]
     """
-    bodies, joints, frames = parts(mechanism)
+    (bodies, joints, frames), t = parts(mechanism), mechanism.topology
     locked = dict[str, float]()
     for name, q in positions.items():
-        i = mechanism.topology.index(mechanism.joint_names, name, "lock_joints: positions")
-        for k, x in _with_followers(mechanism, i, q):
+        i = t.index(t.joint_names, name, "lock_joints: positions")
+        if t.is_mimic(i):
+            followed = t.joint_names[t.followed[i]]
+            raise ValueError(f"lock_joints: {name!r} is a mimic: lock {followed!r}, which it follows")
+        mimics = [k for k in range(len(t)) if t.followed[k] == i and k != i]
+        for k, x in [(i, q), *((k, mechanism.mimics[k, 0] * q + mechanism.mimics[k, 1]) for k in mimics)]:
             joints[k] = _locked(mechanism, joints, k, x)
             if np.size(x) == 1:
                 locked[joints[k].name] = float(np.ravel(x)[0])
@@ -245,16 +248,6 @@ def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
     X_JB = _item(mechanism.child_placements, i)
     X_BJ = X_JB if is_identity(X_JB) else jax.tree.map(np.asarray, X_JB.inverse())
     return mechanism.body_names[i], composed(X_BJ, X_JF)
-
-
-def _with_followers(mechanism: Mechanism, i: int, q) -> list[tuple[int, Any]]:
-    """[(joint, its coordinates)] of a joint and its mimics."""
-    t = mechanism.topology
-    if t.is_mimic(i):
-        followed = t.joint_names[t.followed[i]]
-        raise ValueError(f"lock_joints: {t.joint_names[i]!r} is a mimic: lock {followed!r}, which it follows")
-    followers = [k for k in range(len(t)) if t.followed[k] == i and k != i]
-    return [(i, q), *((k, mechanism.mimics[k, 0] * q + mechanism.mimics[k, 1]) for k in followers)]
 
 
 def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike):

@@ -66,7 +66,7 @@ class AppliedForces:
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        frames = names_of_frames("AppliedForces", self.frames)
+        frames = check.as_names(self.frames, "AppliedForces: frames")
         object.__setattr__(self, "frames", frames)
         if self.axes not in get_args(Axes):
             raise ValueError(f"AppliedForces: axes: expected 'world' or 'frame', got {self.axes!r}")
@@ -103,11 +103,3 @@ class AppliedForces:
     def __repr__(self) -> str:
         points = "" if self.points is None else f", points={check.in_short(self.points)}"
         return f"AppliedForces({list(self.frames)}, {self.wrenches!r}{points}, axes={self.axes!r})"
-
-
-def names_of_frames(what: str, frames) -> tuple[str, ...]:
-    """The names as a tuple. what: who asks, for messages."""
-    names = tuple(frames) if isinstance(frames, Iterable) and not isinstance(frames, str) else None
-    if names is None or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"{what}: frames: expected a sequence of names, got {frames!r}")
-    return names

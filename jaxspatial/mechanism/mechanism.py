@@ -22,7 +22,7 @@ from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
 from jaxspatial.mechanism.tendons import Tendon, checked_tendons, leaf_shapes
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import tree_of
+from jaxspatial.numerics.quantity import as_tuples, tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike
 from jaxspatial.spatial import RigidTransform
 
@@ -557,8 +557,8 @@ def _shapes(t: Topology, parameters: dict[str, Any], tendons: tuple[Tendon, ...]
 def _unexpected_shape(name: str, expected: tuple[int, ...], came: tuple[int, ...]) -> str:
     hint = ""
     if len(came) > len(expected) and came[len(came) - len(expected) :] == expected:
-        each = f"jax.vmap(lambda x, q: f(mech.as_data().replace({name}=x), q))"
-        hint = f"; a batch of mechanisms is mapped over the field: {each}"
+        way_out = f"jax.vmap(lambda x, q: f(mech.as_data().replace({name}=x), q))"
+        hint = f"; a batch of mechanisms is mapped over the field: {way_out}"
     return f"{name}: expected shape {expected}, got {came}{hint}"
 
 
@@ -667,13 +667,6 @@ jax.tree_util.register_static(StaticMechanism)
 # They hold the tree as JSON, and of a StaticMechanism its arrays too.
 
 
-def _topology(fields: list) -> Topology:
-    def as_tuples(x):
-        return tuple(map(as_tuples, x)) if isinstance(x, list) else x
-
-    return Topology(*map(as_tuples, fields))
-
-
 def _static_to_bytes(static: StaticMechanism):
     topology, others, arrays = static.contents
     as_text = [(name, shape, x.hex()) for name, shape, x in arrays]
@@ -682,7 +675,7 @@ def _static_to_bytes(static: StaticMechanism):
 
 def _static_from_bytes(data: bytes):
     fields, (loops, tendons, has_lifts, has_turn_limits), arrays = json.loads(data)
-    topology = _topology(fields)
+    topology = Topology(*as_tuples(fields))
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
     closures = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
@@ -703,7 +696,7 @@ jax.export.register_pytree_node_serialization(
     Mechanism,
     serialized_name="jaxspatial.Mechanism",
     serialize_auxdata=lambda structure: json.dumps(dataclasses.astuple(structure[0])).encode(),
-    deserialize_auxdata=lambda data: (_topology(json.loads(data)),),
+    deserialize_auxdata=lambda data: (Topology(*as_tuples(json.loads(data))),),
 )
 jax.export.register_pytree_node_serialization(
     StaticMechanism,

@@ -2,23 +2,22 @@
 
 from collections.abc import Iterable
 from dataclasses import KW_ONLY
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING
 
 import jax
 import numpy as np
 
 from jaxspatial.mechanism.contacts import per_frame
-from jaxspatial.mechanism.forces import names_of_frames
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
-from jaxspatial.numerics.quantity import exported_tree_of
-from jaxspatial.numerics.types import ArrayLike, DTypeLike
+from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
+from jaxspatial.numerics.types import ArrayLike
 
 _LAW = ("stiffness", "relaxation_time", "friction")
 
 
 @exported_tree_of("frames")
-class ShapeContacts:
+class ShapeContacts(OfOneDtype):
     """A shape on each of some named frames, for the `pairs` of a step: spheres on other bodies touch it.
 
     Sphere i of the other touches the shape on frame i: a name comes once for each sphere that may touch its shape.
@@ -68,7 +67,7 @@ class ShapeContacts:
         ): ...
 
     def __post_init__(self) -> None:
-        frames = names_of_frames("ShapeContacts", self.frames)
+        frames = check.as_names(self.frames, "ShapeContacts: frames")
         object.__setattr__(self, "frames", frames)
         given = {name: getattr(self, name) for name in _LAW}
         if all(map(check.is_tree_mark, (*given.values(), *jax.tree.leaves(self.shape)))):
@@ -96,17 +95,6 @@ class ShapeContacts:
     def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return self.shape.dtype
-
-    def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
-
-        Example:
-            >>> law = {"stiffness": 1e4, "relaxation_time": 0.01, "friction": 0.8}
-            >>> ball = js.ShapeContacts(["hand"], js.Sphere(np.float64(0.5)), **law)
-            >>> print(ball.dtype, ball.astype(np.float32).dtype)
-            float64 float32
-        """
-        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def __repr__(self) -> str:
         numbers = ", ".join(f"{k}={check.shown(getattr(self, k), 0)}" for k in _LAW)

@@ -12,8 +12,8 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, dot, norm, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, times_power_of_two, where
-from jaxspatial.numerics.quantity import exported_tree_of, rebuilt, tree, tree_of
-from jaxspatial.numerics.types import ArrayLike, DTypeLike, PrecisionName
+from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of, rebuilt, tree, tree_of
+from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
 
@@ -147,7 +147,7 @@ def local(p: Vector, X: Pose) -> Vector:
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
-class Shape:
+class Shape(OfOneDtype):
     """Base of the shapes, each of which is a function from a point to its signed distance, m.
 
     Above zero outside, below zero inside. A shape is a pytree: its numbers can be differentiated, and batched.
@@ -179,16 +179,6 @@ class Shape:
     def dtype(self) -> np.dtype:
         """The dtype of the numbers."""
         return np.dtype(getattr(self, next(iter(self._axes))).dtype)
-
-    def astype(self, dtype: DTypeLike | None) -> Self:
-        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
-
-        Example:
-            >>> ball = js.Sphere(np.float64(0.1))
-            >>> print(ball.dtype, ball.astype(np.float32).dtype)
-            float64 float32
-        """
-        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
     def __call__(self, point: ArrayLike) -> jax.Array:
         """The signed distance (*batch,) of points (*batch, 3) in world axes; batch shapes broadcast."""

@@ -71,10 +71,7 @@ class Tendon:
         ): ...
 
     def __post_init__(self) -> None:
-        joints = tuple(self.joints) if isinstance(self.joints, Iterable) and not isinstance(self.joints, str) else None
-        if joints is None or not all(isinstance(name, str) for name in joints):
-            raise TypeError(f"Tendon: joints: expected a sequence of names, got {self.joints!r}")
-        object.__setattr__(self, "joints", joints)
+        object.__setattr__(self, "joints", check.as_names(self.joints, "Tendon: joints"))
         for field, size in leaf_shapes(self).items():
             x = getattr(self, field)
             if check.is_tree_mark(x):

@@ -92,6 +92,14 @@ def shown(x, n: int) -> str:
     return f"[{'; '.join(', '.join(numbers[i : i + n]) for i in range(0, len(numbers), n))}]"
 
 
+def as_names(names, what: str) -> tuple[str, ...]:
+    """A sequence of texts as a tuple."""
+    found = tuple(names) if isinstance(names, Iterable) and not isinstance(names, str) else None
+    if found is None or not all(isinstance(name, str) for name in found):
+        raise TypeError(f"{what}: expected a sequence of names, got {names!r}")
+    return found
+
+
 def did_you_mean(name: object, names: Iterable[str], nearness: float = 0.6) -> str:
     """The end of a message about an unknown name: the nearest of the known ones, where one is near."""
     by_small = {known.lower(): known for known in names}

@@ -17,7 +17,7 @@ from jax.core import Tracer
 from jaxspatial.numerics import check, linear
 from jaxspatial.numerics.errorfree.barrier import barrier
 from jaxspatial.numerics.linear import Articulated, Inertia, Matrix, Motion, Pose, Summed, Wrench
-from jaxspatial.numerics.numbers import Corrected, Rounded, components, high, is_number
+from jaxspatial.numerics.numbers import Corrected, Number, Rounded, components, high, is_number
 from jaxspatial.numerics.numbers.components import Components
 from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
 from jaxspatial.numerics.numbers.layout import stack, stack_like, unstack, whole
@@ -421,3 +421,9 @@ def converted(x, dtype):
     if dtype == jnp.bfloat16:
         return lax.convert_element_type(lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7), dtype)
     return barrier(lax.convert_element_type(x, dtype))
+
+
+@formula(by_number=True)
+def plus(a: Number, b: Number) -> Number:
+    """a + b, of coordinates or of forces of joints."""
+    return a + b

@@ -26,7 +26,7 @@ from jaxspatial.numerics.numbers.number import constant, frozen, high, noinline_
 from jaxspatial.numerics.numbers.rounded import is_known
 
 
-def each(operation: Callable[..., Number], *lists: Sequence) -> list:
+def entrywise(operation: Callable[..., Number], *lists: Sequence) -> list:
     """Applies an operation to each entry of some lists: [operation(a, b), ...].
 
     Double words are stacked first, so that the operation is compiled once for all entries.
@@ -67,19 +67,19 @@ class Entrywise(Partwise):
     __slots__ = ()
 
     def __add__(self: Any, other):
-        return self._make(each(operator.add, self, other))
+        return self._make(entrywise(operator.add, self, other))
 
     def __sub__(self: Any, other):
-        return self._make(each(operator.sub, self, other))
+        return self._make(entrywise(operator.sub, self, other))
 
     def __mul__(self: Any, s: Number | float):
-        return self._make(each(operator.mul, self, (s,) * len(self)))
+        return self._make(entrywise(operator.mul, self, (s,) * len(self)))
 
     def __rmul__(self: Any, s: Number | float):
-        return self._make(each(operator.mul, (s,) * len(self), self))
+        return self._make(entrywise(operator.mul, (s,) * len(self), self))
 
     def __truediv__(self: Any, s: Number | float):
-        return self._make(each(operator.truediv, self, (s,) * len(self)))
+        return self._make(entrywise(operator.truediv, self, (s,) * len(self)))
 
 
 class _Three(NamedTuple):
@@ -242,25 +242,25 @@ def left_sum(numbers: Iterable[Number]) -> Number:
 
 def dot(a: Sequence[Number], b: Sequence[Number]) -> Number:
     """a . b, summed from the left."""
-    return left_sum(each(operator.mul, a, b))
+    return left_sum(entrywise(operator.mul, a, b))
 
 
 def dots(pairs: Sequence[tuple[Sequence[Number], Sequence[Number]]]) -> list[Number]:
     """The dot products of pairs of vectors of one length."""
     n = len(pairs[0][0])
     a, b = zip(*pairs, strict=True)
-    products = each(operator.mul, [x for v in a for x in v], [x for v in b for x in v])
+    products = entrywise(operator.mul, [x for v in a for x in v], [x for v in b for x in v])
     result = products[::n]
     for i in range(1, n):
-        result = each(operator.add, result, products[i::n])
+        result = entrywise(operator.add, result, products[i::n])
     return result
 
 
 def cross(a: Sequence[Number], b: Sequence[Number]) -> Vector:
     """a x b."""
     (ax, ay, az), (bx, by, bz) = a, b
-    products = each(operator.mul, (ay, az, ax, az, ax, ay), (bz, bx, by, by, bz, bx))
-    return Vector(*each(operator.sub, products[:3], products[3:]))
+    products = entrywise(operator.mul, (ay, az, ax, az, ax, ay), (bz, bx, by, by, bz, bx))
+    return Vector(*entrywise(operator.sub, products[:3], products[3:]))
 
 
 def congruence(R: Matrix, S: Symmetric) -> Symmetric:
@@ -318,7 +318,7 @@ def unit(v: Sequence[Number]):
         v = [x.with_limbs(w if is_known(w, 0) else w * s for w in x.limbs) for x in v]
     length = dot(v, v).sqrt()
     length = where(high(length) < math.inf, length, math.nan)
-    return by_size(each(operator.truediv, v, (length,) * len(v)))
+    return by_size(entrywise(operator.truediv, v, (length,) * len(v)))
 
 
 @noinline_pairs

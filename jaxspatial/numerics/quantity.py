@@ -47,15 +47,16 @@ def exported_tree_of(*structure: str) -> typing.Callable[[type[_Class]], type[_C
             cls,
             serialized_name=f"jaxspatial.{cls.__name__}",
             serialize_auxdata=lambda structure: json.dumps(structure).encode() if structure else b"",
-            deserialize_auxdata=lambda data: _as_tuples(json.loads(data)) if data else (),
+            deserialize_auxdata=lambda data: as_tuples(json.loads(data)) if data else (),
         )
         return cls
 
     return decorated
 
 
-def _as_tuples(x):
-    return tuple(map(_as_tuples, x)) if isinstance(x, list) else x
+def as_tuples(x):
+    """What JSON gives back of nested tuples."""
+    return tuple(map(as_tuples, x)) if isinstance(x, list) else x
 
 
 def exported(cls: type[_Class]) -> type[_Class]:
@@ -96,6 +97,20 @@ def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable) -> _Class:
     x = object.__new__(cls)
     vars(x).update(zip(names, parts, strict=True))
     return x
+
+
+class OfOneDtype:
+    """Base of trees of arrays of one dtype."""
+
+    def astype(self, dtype: DTypeLike | None) -> typing.Self:
+        """The same with all numbers rounded to another dtype. NumPy stays NumPy.
+
+        Example:
+            >>> ball = js.Sphere(np.float64(0.1))
+            >>> print(ball.dtype, ball.astype(np.float32).dtype)
+            float64 float32
+        """
+        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
 
 
 class Quantity:
@@ -207,7 +222,7 @@ class Quantity:
             return NotImplemented
         # What is no array is a tree that describes trees, see `check.is_tree_mark`.
         leaves = (jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None) for x in (self, other))
-        numeric = [all(isinstance(leaf, check.ARRAYS) for leaf in each) for each in leaves]
+        numeric = [all(isinstance(leaf, check.ARRAYS) for leaf in own) for own in leaves]
         if not all(numeric):
             fields = ([getattr(x, name) for name in self.__match_args__] for x in (self, other))
             return not any(numeric) and operator.eq(*fields)

@@ -4,7 +4,7 @@ import math
 import operator
 
 from jaxspatial.numerics.functions import angle_ratio, cosine_sine, pi
-from jaxspatial.numerics.linear import Matrix, Vector, cross, dot, each, norm, scaled, unit
+from jaxspatial.numerics.linear import Matrix, Vector, cross, dot, entrywise, norm, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, doubled, high, noinline, repeated, where
 
 # -- quaternions and matrices -----------------------------------------------------------------------------------------
@@ -18,13 +18,13 @@ def to_matrix(q: Numbers) -> Matrix:
     added, computed of the same squares as the diagonal, so that their rounding errors cancel.
     """
     w, x, y, z = q
-    ww, xx, yy, zz, *doubles = each(operator.mul, (w, x, y, z, x, x, y, w, w, w), (w, x, y, z, y, z, z, x, y, z))
+    ww, xx, yy, zz, *doubles = entrywise(operator.mul, (w, x, y, z, x, x, y, w, w, w), (w, x, y, z, y, z, z, x, y, z))
     missing = 1 - ((ww + xx) + (yy + zz))
     xy, xz, yz, wx, wy, wz = map(doubled, doubles)
-    low = each(operator.sub, (ww, ww, ww, xx, yy, zz, xy, xz, yz), (yy, xx, xx, zz, zz, yy, wz, wy, wx))
-    a, e, i, b, f, g = each(operator.add, (*low[:3], xy, xz, yz), (low[3], low[4], low[5], wz, wy, wx))
+    low = entrywise(operator.sub, (ww, ww, ww, xx, yy, zz, xy, xz, yz), (yy, xx, xx, zz, zz, yy, wz, wy, wx))
+    a, e, i, b, f, g = entrywise(operator.add, (*low[:3], xy, xz, yz), (low[3], low[4], low[5], wz, wy, wx))
     m = (a, low[6], f, b, e, low[8], low[7], g, i)
-    return Matrix.of_entries(each(operator.add, m, _times(missing, m)))
+    return Matrix.of_entries(entrywise(operator.add, m, _times(missing, m)))
 
 
 def from_matrix(m: Matrix) -> Numbers:
@@ -41,8 +41,8 @@ def proportional(m: Matrix) -> Numbers:
     """
     (a, b, c), (d, e, f), (g, h, i) = m
     plus, minus, ei_sum, ei_difference = 1 + a, 1 - a, e + i, e - i
-    p, q, bd, cg, fh = each(operator.add, (plus, minus, b, c, f), (ei_sum, ei_difference, d, g, h))
-    r, s, hf, gc, db = each(operator.sub, (plus, minus, h, c, d), (ei_sum, ei_difference, f, g, b))
+    p, q, bd, cg, fh = entrywise(operator.add, (plus, minus, b, c, f), (ei_sum, ei_difference, d, g, h))
+    r, s, hf, gc, db = entrywise(operator.sub, (plus, minus, h, c, d), (ei_sum, ei_difference, f, g, b))
     rows = (p, hf, gc, db), (hf, r, bd, cg), (gc, bd, q, fh), (db, cg, fh, s)
     largest, diagonal = rows[0], rows[0][0]
     for k in (1, 2, 3):
@@ -201,10 +201,10 @@ def _newton_step(entries: Numbers) -> Numbers:
     is_proper = (high(determinant) > 0) & (high(determinant) < math.inf)
     inverse = _times(1 / where(is_proper, determinant, math.nan), cofactors.entries)
     s = (dot(inverse, inverse).sqrt() / dot(entries, entries).sqrt()).sqrt()
-    mean = each(operator.add, _times(s, entries), _times(1 / s, inverse))
+    mean = entrywise(operator.add, _times(s, entries), _times(1 / s, inverse))
     return tuple(doubled(x, -1) for x in mean)
 
 
 def _times(s: Number, entries: Numbers) -> Numbers:
     """All in one operation, where that is shorter to compile: see `each`."""
-    return each(operator.mul, (s,) * len(entries), entries)
+    return entrywise(operator.mul, (s,) * len(entries), entries)

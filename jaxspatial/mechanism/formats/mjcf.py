@@ -164,7 +164,9 @@ class KeyFramePart(NamedTuple):
 def read_key_frames(path_or_text: Any, assets: Mapping[str, bytes] | None = None) -> list[KeyFramePart]:
     """The key frames of an MJCF for `interop.mujoco.key_frames`."""
     file = _File(path_or_text, assets, None, False)
-    m, plain = file.model, [_ctrl_place(file, i) for i in _plain_actuators(file)]
+    m, places = file.model, file.numbers("actuator_ctrladr")
+    # Where the ctrl of each actuator is in those of the model.
+    plain = [int(places[i, 0]) if places.shape[1] else i for i in _plain_actuators(file)]
     parts = (m.key_qpos, m.key_qvel, m.key_ctrl[:, plain])
     return [KeyFramePart(m.key(k).name or f"key_{k}", *(np.array(x[k]) for x in parts)) for k in range(m.nkey)]
 
@@ -217,7 +219,7 @@ class _File(ModelText):
             by_text, by_path = mujoco.MjModel.from_xml_string, mujoco.MjModel.from_xml_path
             read, given = (by_text, self.source.decode()) if self.path is None else (by_path, str(self.path))
             self.model = self._compiled(functools.partial(read, given, self.assets))
-        self._check_names()
+        self._check_encoding_of_names()
         bits = mujoco.mjtDisableBit.__members__
         flags = self.model.opt.disableflags
         self.disabled = {name for name, bit in bits.items() if "DSBL" in name and flags & int(bit)}
@@ -267,7 +269,7 @@ class _File(ModelText):
         naming = [e for e in self.root.iter("*") if any(text.endswith(quoted) for text in e.attrib.values())]
         return f"{self.line((*naming, self.root)[0])}: MuJoCo says {message}"
 
-    def _check_names(self):
+    def _check_encoding_of_names(self):
         """Checks that names are UTF-8: the model has no others."""
         try:
             self.model.names.decode()
@@ -341,7 +343,9 @@ class _File(ModelText):
         """Refuses a part of the mechanism. "<body>/<joint>" is a body of ours, "<joint>/x" a joint, "<body>/<site>" a
         site that has the name of a body; bodies and sites are frames."""
         kind = "body" if what == "frame" else what
-        own, *before = ((kind, start) for start in _starts(name))
+        # The name, and what is left of it before each "/" from the last one on.
+        words = name.split("/")
+        own, *before = ((kind, "/".join(words[:k])) for k in range(len(words), 0, -1))
         sites = (("site", name), ("site", name.rpartition("/")[2])) if what == "frame" else ()
         for kind, candidate in (own, *sites, *before):
             names = [self.name(kind, i) for i in range(len(self._array(kind)))]
@@ -378,12 +382,6 @@ class _File(ModelText):
         if what == "body":
             return [body[0] for body in bodies]
         return [e for body in bodies for part in body for e in _children(part, tags)]
-
-
-def _starts(name: str) -> list[str]:
-    """The name, and what is left of it before each "/" from the last one on."""
-    parts = name.split("/")
-    return ["/".join(parts[:k]) for k in range(len(parts), 0, -1)]
 
 
 def _bodies(element: Element) -> Iterator[Element]:
@@ -435,16 +433,13 @@ def _vertices(file: _File, mesh: int) -> np.ndarray:
 def _may_touch(m: Any, i: int, ground: list[int], pairs: list[set[int]]) -> bool:
     if not ground:
         return bool(m.geom_contype[i] | m.geom_conaffinity[i]) or any(i in pair for pair in pairs)
-    return any({i, k} in pairs or (_share_bits(m, i, k) and not _are_excluded(m, i, k)) for k in ground)
-
-
-def _share_bits(m: Any, i: int, k: int) -> bool:
-    return bool((m.geom_contype[i] & m.geom_conaffinity[k]) | (m.geom_contype[k] & m.geom_conaffinity[i]))
-
-
-def _are_excluded(m: Any, i: int, k: int) -> bool:
-    a, b = sorted((int(m.geom_bodyid[i]), int(m.geom_bodyid[k])))
-    return (a << 16) + b in m.exclude_signature
+    for k in ground:
+        share_bits = (m.geom_contype[i] & m.geom_conaffinity[k]) | (m.geom_contype[k] & m.geom_conaffinity[i])
+        a, b = sorted((int(m.geom_bodyid[i]), int(m.geom_bodyid[k])))
+        are_excluded = (a << 16) + b in m.exclude_signature
+        if {i, k} in pairs or (share_bits and not are_excluded):
+            return True
+    return False
 
 
 # -- actuators --------------------------------------------------------------------------------------------------------
@@ -509,12 +504,6 @@ def _actuator(file: _File, i: int) -> ActuatorPart:
         numbers |= dict(zip(names, pair.tolist() if is_limited else (-np.inf, np.inf), strict=True))
     gears = (c * m.actuator_gear[i, 0]).tolist()
     return ActuatorPart(file.name("actuator", i), [file.name("joint", j) for j in joints], gears, numbers)
-
-
-def _ctrl_place(file: _File, i: int) -> int:
-    """Where the ctrl of an actuator is in those of the model."""
-    places = file.numbers("actuator_ctrladr")[i]
-    return int(places[0]) if len(places) else i
 
 
 def _miss_limits_of_sums(file: _File):
@@ -635,8 +624,9 @@ def _check_tendons(file: _File):
     for i in range(file.model.ntendon):
         if _is_fixed(file, i):
             _check_number(file, "tendon", i, "coef", _coordinates_of(file, i)[1])
-        does = [name for name, flags in _OF_TENDONS.items() if file.has(*flags) and _of_tendon(file, name, i).any()]
-        for name in does:
+        for name, flags in _OF_TENDONS.items():
+            if not (file.has(*flags) and file.numbers(f"tendon_{name}")[i].any()):
+                continue
             short = name.removesuffix("poly")
             if name in ("stiffness", "damping", "limited") and _is_fixed(file, i):
                 continue
@@ -649,10 +639,6 @@ def _check_tendons(file: _File):
             expected = kinds if short in ("stiffness", "damping") else "none"
             short = "range" if short == "limited" else short
             file.refuse("tendon", i, f"{short}: expected {expected} here, tendons are linear forms; leave it out")
-
-
-def _of_tendon(file: _File, name: str, i: int) -> np.ndarray:
-    return file.numbers(f"tendon_{name}")[i]
 
 
 def _is_fixed(file: _File, i: int) -> bool:
@@ -718,8 +704,8 @@ def _leave_out(file: _File):
 def _parts(file: _File):
     """(bodies, joints, frames, loops, tendons)."""
     followers, equations = _solved(file, _equations(file))
-    rotors, mimics = _rotors(file), _mimics(file, followers)
-    moving = range(1, file.model.nbody)
+    mimics = {j: Mimic(file.name("joint", leader), a, b) for j, (leader, a, b) in followers.items()}
+    moving, rotors = range(1, file.model.nbody), _rotors(file)
     joints = [joint for i in moving for joint in _joints(file, i, rotors, mimics)]
     loops, anchors = _loops(file)
     bodies, frames = [_body(file, i) for i in moving], [*_frames(file), *anchors]
@@ -727,7 +713,7 @@ def _parts(file: _File):
     bodies += map(Body, sorted(between))
     _check_names(file, [joint.name for joint in joints])
     _check_names(file, [part.name for part in (*bodies, *frames)])
-    return bodies, joints, frames, loops, [*_tendons(file), *_held(file, equations)]
+    return bodies, joints, frames, loops, [*_tendons(file), *_tendons_of_one_length(file, equations)]
 
 
 def _check_names(file: _File, names: list[str]):
@@ -808,7 +794,7 @@ def _equation_of_joints(file: _File, i: int) -> _Equation:
 def _equation_of_tendons(file: _File, i: int) -> _Equation:
     """L1 - ref1 = a0 + a1 (L2 - ref2), or L1 - ref1 = a0 without tendon2."""
     m, (a0, a1) = file.model, _coefficients(file, i)
-    length, total = a0, dict[int, float]()
+    length, of_joints = a0, dict[int, float]()
     for name, factor in (("obj1id", 1.0), ("obj2id", -a1)):
         tendon = int(getattr(m, f"eq_{name}")[i])
         if tendon < 0:
@@ -819,11 +805,11 @@ def _equation_of_tendons(file: _File, i: int) -> _Equation:
                         f"a rope; {way_out}")  # fmt: skip
         length += factor * float(m.tendon_length0[tendon])
         for j, x in zip(*_coordinates_of(file, tendon), strict=True):
-            total[j] = total.get(j, 0.0) + factor * float(x)
-    joints = [j for j, x in total.items() if x]
+            of_joints[j] = of_joints.get(j, 0.0) + factor * float(x)
+    joints = [j for j, x in of_joints.items() if x]
     if not joints:
         file.refuse("eq", i, "tendon1: expected tendons that move, got joints that cancel; leave it out")
-    return _Equation(i, joints, np.array([total[j] for j in joints]), length)
+    return _Equation(i, joints, np.array([of_joints[j] for j in joints]), length)
 
 
 def _coefficients(file: _File, i: int) -> tuple[float, float]:
@@ -879,13 +865,13 @@ def _last(followers: dict[int, _Follower], j: int) -> _Follower:
 def _over_leaders(file: _File, followers: dict[int, _Follower], equation: _Equation) -> _Equation | None:
     """An equation over joints that follow none; None where others say it already."""
     i, joints, c, length = equation
-    total, sizes = dict[int, float](), [abs(length)]
+    of_leaders, sizes = dict[int, float](), [abs(length)]
     for j, x in zip(joints, c.tolist(), strict=True):
         leader, a, b = _last(followers, j)
-        total[leader] = total.get(leader, 0.0) + x * a
+        of_leaders[leader] = of_leaders.get(leader, 0.0) + x * a
         length -= x * b
         sizes += [abs(x * a), abs(x * b)]
-    left = {j: x for j, x in total.items() if abs(x) > _ROUNDED * max(sizes)}
+    left = {j: x for j, x in of_leaders.items() if abs(x) > _ROUNDED * max(sizes)}
     if left:
         return _Equation(i, list(left), np.array([*left.values()]), length)
     if abs(length) > _ROUNDED * max(sizes):
@@ -893,10 +879,6 @@ def _over_leaders(file: _File, followers: dict[int, _Follower], equation: _Equat
         file.refuse("eq", i, f"{names} cannot be so: other constraints say otherwise by {length:.3g}; leave one out")
     file.leave_out("constraint that others imply", file.name("eq", i))
     return None
-
-
-def _mimics(file: _File, followers: dict[int, _Follower]) -> dict[int, Mimic]:
-    return {j: Mimic(file.name("joint", leader), a, b) for j, (leader, a, b) in followers.items()}
 
 
 def _coordinates_of(file: _File, i: int) -> tuple[list[int], np.ndarray]:
@@ -914,7 +896,8 @@ def _tendons(file: _File) -> list[Tendon]:
     m, found = file.model, list[Tendon]()
     for i in filter(functools.partial(_is_fixed, file), range(m.ntendon)):
         stiffness, damping, limited = (
-            _of_tendon(file, name, i) * file.has(*_OF_TENDONS[name]) for name in ("stiffness", "damping", "limited")
+            file.numbers(f"tendon_{name}")[i] * file.has(*_OF_TENDONS[name])
+            for name in ("stiffness", "damping", "limited")
         )
         if stiffness.any() or damping.any() or limited.any():
             joints, c = _coordinates_of(file, i)
@@ -925,8 +908,8 @@ def _tendons(file: _File) -> list[Tendon]:
     return found
 
 
-def _held(file: _File, equations: list[_Equation]) -> list[Tendon]:
-    """Tendons of one length, for the equations that make no mimic."""
+def _tendons_of_one_length(file: _File, equations: list[_Equation]) -> list[Tendon]:
+    """One for each of the equations, which make no mimic."""
     found = list[Tendon]()
     for i, joints, c, length in equations:
         name = file.name("eq", i)

@@ -96,15 +96,11 @@ class ModelFileWarning(UserWarning):
     ):
         lists = ({kind: tuple(names) for kind, names in x.items()} for x in (doubtful, unknown, left_out))
         self.doubtful, self.unknown, self.left_out = lists
-        texts = [_counted(*item) for item in self.doubtful.items()]
+        texts = [f"{kind} ({len(names)}: {_some(names)})" for kind, names in self.doubtful.items()]
         if self.unknown:
             kinds = tuple(f"{kind} ({len(names)})" for kind, names in self.unknown.items())
             texts.append(f"left out: {_some(kinds)}")
         super().__init__(f"{operation}: {'; '.join(texts)}")
-
-
-def _counted(kind: str, names: tuple[str, ...]):
-    return f"{kind} ({len(names)}: {_some(names)})"
 
 
 def _some(names: tuple[str, ...]):
@@ -126,8 +122,11 @@ class ModelText:
         self.doubtful, self.unknown, self.quiet = (dict[str, list[str]]() for _ in range(3))
         self.source, self.path = _file_source(operation, path_or_text)
         self.root = self._parsed()
-        if not strict:
-            _without_default_namespace(self.root)
+        if not strict and (uri := self.root.nsmap.get(None)):
+            # What is in the namespace of the root and has no prefix: these are words of the format.
+            for element in self.root.iter("*"):
+                if element.prefix is None:
+                    element.tag = element.tag.removeprefix(f"{{{uri}}}")
         tag, expected = self.root.tag, {reader: tag for tag, (_, reader) in _FORMATS.items()}[operation]
         if tag != expected:
             hint = "; this is {}: read it with Mechanism.{}".format(*_FORMATS[tag]) if tag in _FORMATS else ""
@@ -204,7 +203,11 @@ def parsed(operation: str, text: bytes, encoding: str | None, strict: bool) -> t
     root, errors = _tree(operation, text, encoding, () if strict else _HARMLESS)
     if errors and not strict and {e.type_name for e in errors} != {_BEHIND}:
         if any("ENCODING" in e.type_name for e in errors):
-            encoding = "utf-8" if _is_utf_8(text) else "iso-8859-1"
+            try:
+                text.decode()
+                encoding = "utf-8"
+            except UnicodeDecodeError:
+                encoding = "iso-8859-1"
         has_entities = b"<!ENTITY" in text
         for pattern, instead in _MENDED:
             text = text if has_entities and b"amp|" in pattern.pattern else pattern.sub(instead, text)
@@ -219,28 +222,11 @@ def _tree(operation: str, text: bytes, encoding: str | None, harmless: Iterable[
     return root, [e for e in parser.error_log if e.type_name not in harmless and e.level_name != "WARNING"]
 
 
-def _is_utf_8(text: bytes) -> bool:
-    try:
-        text.decode()
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
 def word_of(element: Element, name: str | None = None) -> str:
     """The tag of an element, or the name of an attribute of it, as it is written: with the prefix of its namespace."""
     uri, _, local = (element.tag if name is None else name).removeprefix("{").rpartition("}")
     prefixes = {uri: prefix for prefix, uri in element.nsmap.items() if prefix}
     return f"{prefixes[uri]}:{local}" if uri in prefixes else local
-
-
-def _without_default_namespace(root: Element):
-    """Takes the namespace off what is in that of the root and has no prefix: the words of the format."""
-    uri = root.nsmap.get(None)
-    if uri:
-        for element in root.iter("*"):
-            if element.prefix is None:
-                element.tag = element.tag.removeprefix(f"{{{uri}}}")
 
 
 def _file_source(operation: str, path_or_text: object) -> tuple[bytes, pathlib.Path | None]:
@@ -371,7 +357,9 @@ def _weightless(mechanism: Any) -> list[int]:
     for i in range(n):
         for k in t.ancestors(i):
             carried[k].append(i)
-    suspects = [i for i in range(n) if not is_solid[carried[i]].any() and not _is_driven(mechanism, i)]
+    # Rotors may give every velocity of a joint inertia.
+    has_rotors = [bool((np.asarray(mechanism.armature)[t.v_slice(i)] > 0).all()) for i in range(n)]
+    suspects = [i for i in range(n) if not is_solid[carried[i]].any() and not has_rotors[i]]
     if not suspects:
         return []
     axes, R, p, C, c = _drawn_poses(mechanism, central)
@@ -385,11 +373,6 @@ def _weightless(mechanism: Any) -> list[int]:
         if any(x <= _LEAST * size for x in rotary) or (len(slides) and not mass[behind].any()):
             found.append(i)
     return found
-
-
-def _is_driven(mechanism: Any, i: int) -> bool:
-    """Whether rotors give every velocity of a joint inertia."""
-    return bool((np.asarray(mechanism.armature)[mechanism.topology.v_slice(i)] > 0).all())
 
 
 def _drawn_poses(mechanism: Any, central: np.ndarray):

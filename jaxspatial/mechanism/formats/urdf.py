@@ -161,10 +161,13 @@ def read(
             file.refuse_part("joint", _ROOT, "name: that of the joint which holds a floating base; name it otherwise")
         # A weld has no name: no joint of a file can have the same.
         parts.insert(0, Joint(_ROOT, "free", WORLD, root) if floating_base else Joint("", "fixed", WORLD, root))
-    mechanism = built(build, file.refuse_part, bodies, parts, (), gravity, dtype)
+    mechanism: Any = built(build, file.refuse_part, bodies, parts, (), gravity, dtype)
     doubt_inertias(file, mechanism)
+    frames, M = dict(mechanism.topology.frames), mechanism.inertias
     for link, (kind, why) in file.impossible.items():
-        if _is_impossible(mechanism, link):
+        # The moving body that the link is part of, -1 for the world.
+        body = frames[link]
+        if body >= 0 and _broken_rule(M.mass[body], M.central[body]):
             file.doubt(kind, why)
     file.warn()
     return mechanism
@@ -401,7 +404,7 @@ def _end(joint: Element, side: str) -> str:
 def _check_tree(file: _File, links: list[Element], joints: list[Element]):
     names = {link.get("name") for link in links}
     parents = names if file.strict else names | {WORLD}
-    held = dict[str, Element]()
+    joint_of = dict[str, Element]()
     for joint in joints:
         if joint.get("type") not in _KINDS:
             kind, near = joint.get("type"), check.did_you_mean(joint.get("type"), _KINDS)
@@ -415,18 +418,18 @@ def _check_tree(file: _File, links: list[Element], joints: list[Element]):
                 reason = "the world hangs on nothing; make it the parent" if is_held else missing
                 file.refuse(joint, f"{side}: {reason}")
         child = _end(joint, "child")
-        if child in held:
-            file.refuse(joint, f"child: {child!r} hangs on {held[child].get('name')!r} already: {_LOOP}")
-        held[child] = joint
+        if child in joint_of:
+            file.refuse(joint, f"child: {child!r} hangs on {joint_of[child].get('name')!r} already: {_LOOP}")
+        joint_of[child] = joint
     safe = set[str]()
-    for link in held:
+    for link in joint_of:
         way = list[str]()
-        while link in held and link not in safe:
+        while link in joint_of and link not in safe:
             if link in way:
                 loop = ", ".join(map(repr, way[way.index(link) :]))
-                file.refuse(held[link], f"child: {loop} hold each other: {_LOOP}")
+                file.refuse(joint_of[link], f"child: {loop} hold each other: {_LOOP}")
             way.append(link)
-            link = _end(held[link], "parent")
+            link = _end(joint_of[link], "parent")
         safe.update(way)
 
 
@@ -630,13 +633,6 @@ def _sizes(file: _File, part: Element, name: str, n: int) -> list[float]:
 
 
 # -- inertias of no rigid body ----------------------------------------------------------------------------------------
-
-
-def _is_impossible(mechanism: Any, link: str):
-    """Whether the moving body that a link is part of has such an inertia."""
-    body = dict(mechanism.topology.frames)[link]
-    M = mechanism.inertias
-    return body >= 0 and _broken_rule(M.mass[body], M.central[body]) is not None
 
 
 def _broken_rule(mass: float, central: Sequence[float]) -> str | None:

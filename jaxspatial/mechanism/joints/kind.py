@@ -23,7 +23,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.numerics import linear
-from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, Wrench, each
+from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, Wrench, entrywise
 from jaxspatial.numerics.numbers import Number, Numbers, constant
 from jaxspatial.numerics.quantity import rebuilt
 from jaxspatial.numerics.types import Key
@@ -177,7 +177,7 @@ class JointKind:
 
     def integrate(self, q: Numbers, step: Numbers) -> Numbers:
         """q after a step: the motion S step, constant in B where S is."""
-        return tuple(each(operator.add, q, step))
+        return tuple(entrywise(operator.add, q, step))
 
     def transport(self, v: Numbers, u: Numbers) -> Numbers:
         """-du/dt of velocities u that are constant in the parent's axes, while the joint moves with v: w x u for linear
@@ -191,7 +191,7 @@ class JointKind:
 
     def difference(self, q: Numbers, q2: Numbers) -> Numbers:
         """The step that `integrate` takes from q to q2, the short way round."""
-        return tuple(each(operator.sub, q2, q))
+        return tuple(entrywise(operator.sub, q2, q))
 
     @classmethod
     def random(cls, key: Key, lower: jax.Array, upper: jax.Array, batch_shape: tuple[int, ...]) -> jax.Array:

@@ -73,7 +73,12 @@ class Components(Arithmetic, check.StandIn):
         if not components:
             raise ValueError("Components: expected at least one component, got none")
         parts = [_checked(c, f"Components: component {i}", dtype) for i, c in enumerate(components)]
-        dtype = _common_dtype(parts, dtype)
+        # The dtype of what has one, or the one named; JAX's default for Python floats alone.
+        typed = {f"component {i}": c for i, c in enumerate(parts) if isinstance(c, check.ARRAYS)}
+        if dtype is not None:
+            typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
+        check.require_same_dtype(**typed)
+        dtype = next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
         batches = {f"component {i}": c.shape for i, c in enumerate(parts) if not isinstance(c, (float, np.generic))}
         batch = check.common_batch_shape(**batches) if batches else ()
         self._fill([_over(c, batch, dtype) for c in parts])
@@ -405,15 +410,6 @@ def _by_component(operation: Callable, a, b):
 
 
 # -- single components: known numbers and data, brought to one dtype and one batch -------------------------------------
-
-
-def _common_dtype(parts: Sequence, dtype) -> np.dtype:
-    """That of what has one, or the one named; JAX's default for Python floats alone."""
-    typed = {f"component {i}": c for i, c in enumerate(parts) if isinstance(c, check.ARRAYS)}
-    if dtype is not None:
-        typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
-    check.require_same_dtype(**typed)
-    return next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
 
 
 def _over(c, batch: tuple[int, ...], dtype):

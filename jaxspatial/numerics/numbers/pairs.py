@@ -254,7 +254,9 @@ def convert(x: Pair, dtype: DTypeLike):
 def _conversion(dtype: np.dtype):
     @differentiable(lambda _, __, tangents: linear(lax.convert_element_type, tangents[0], dtype))
     def converted(x: Pair):
-        wide = narrowest(x[0].dtype, dtype)
+        # The narrowest dtype that holds both.
+        own = np.dtype(x[0].dtype)
+        wide = own if holds(own, dtype) else dtype if holds(dtype, own) else np.dtype(np.float32)
         hi, lo = (lax.convert_element_type(limb, wide) for limb in x)
         s, error = two_sum(hi, lo)
         # Behind a barrier: a compiler may leave out a conversion there and back.
@@ -263,11 +265,6 @@ def _conversion(dtype: np.dtype):
         return _finished(high, high, lax.convert_element_type(low, dtype))
 
     return converted
-
-
-def narrowest(a: np.dtype, b: np.dtype) -> np.dtype:
-    """The narrowest dtype that holds both."""
-    return a if holds(a, b) else b if holds(b, a) else np.dtype(np.float32)
 
 
 def holds(a: np.dtype, b: np.dtype) -> bool:

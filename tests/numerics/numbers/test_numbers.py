@@ -76,7 +76,7 @@ def test_what_is_known_stays_known():
         found = [
             lane * 2 + 1, (lane - 0.5).sqrt(), numbers.nearest_integer(lane), numbers.frozen(lane), abs(-lane),
             numbers.where(lane > 1, lane, 0.0), numbers.constant(lane, Fraction(1, 3)), numbers.doubled(lane, -2),
-            numbers.times_power_of_two(lane, np.int32(3)), *linear.each(operator.mul, [lane], [lane]),
+            numbers.times_power_of_two(lane, np.int32(3)), *linear.entrywise(operator.mul, [lane], [lane]),
             numbers.noinline(lambda a: a / 3)(lane), *numbers.repeated(lambda v: (v[0] * 0.5,), 2, (lane,)),
         ]  # fmt: skip
         assert all(isinstance(y.value, np.float32) for y in found)
@@ -109,7 +109,7 @@ def test_calls_and_loops_change_nothing(kind):
 
     def called(x):
         v = numbers.repeated(lambda v: numbers.noinline(numbers.noinline_pairs(step))(v), 3, tuple(map(number, x)))
-        return value((*v, *linear.each(operator.mul, v, v[::-1])))
+        return value((*v, *linear.entrywise(operator.mul, v, v[::-1])))
 
     for a, b in zip(jax.jit(plain)(x), jax.jit(called)(x), strict=True):
         np.testing.assert_array_equal(a, b)
