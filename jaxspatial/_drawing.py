@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
-from jaxspatial.mechanism import AppliedForces, Mechanism, PointContacts
+from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts
 from jaxspatial.mechanism.formats.collision import path_of_mesh
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.components import as_array
@@ -29,6 +29,14 @@ def spheres(operation: str, contacts: Any) -> tuple[tuple[str, ...], np.ndarray,
     n = len(contacts.frames)
     p = np.zeros((n, 3)) if contacts.positions is None else np.asarray(contacts.positions, float)
     return contacts.frames, p, np.broadcast_to(np.asarray(contacts.radius, float), n)
+
+
+def plane(operation: str, ground: HalfSpace) -> tuple[np.ndarray, float]:
+    """(the normal, of length one, the offset) of a ground that is the same in all states."""
+    if ground.batch_shape:
+        raise ValueError(f"{operation}: ground: expected one plane, got a batch {ground.batch_shape}")
+    normal = np.asarray(ground.normal, float)
+    return normal / np.linalg.norm(normal), float(ground.offset)
 
 
 # -- shapes -----------------------------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxspatial._drawing import BODY, FORCE, GROUND, INERTIA, JOINT, TORQUE, XYZ, meshes, spheres, wrenches
+from jaxspatial._drawing import BODY, FORCE, GROUND, INERTIA, JOINT, TORQUE, XYZ, meshes, plane, spheres, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.inertia import SpatialInertia
@@ -259,8 +259,7 @@ def mechanism(
     """
     ax, X_WJ = _axes("plot.mechanism", ax), _joints("plot.mechanism", mech, q)
     solid = None
-    if frames is not None and (isinstance(frames, str) or not all(isinstance(name, str) for name in frames)):
-        raise TypeError(f"plot.mechanism: frames: expected a sequence of names, got {frames!r}")
+    frames = None if frames is None else check.as_names(frames, "plot.mechanism: frames")
     X_WF = _frames(mech, X_WJ)
     if shapes is not None:
         solid = _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes))
@@ -280,9 +279,10 @@ def mechanism(
     for k in numbers:
         _triad(ax, X_WF.R[k], X_WF.p[k], _TRIAD * size, mech.frame_names[k])
     if isinstance(ground, HalfSpace):
-        outline = _plane(ax, ground)
+        normal, offset = plane("plot.mechanism", ground)
+        outline = _plane(ax, normal, offset)
         if solid is not None:
-            solid.throw_shadow(ground, outline)
+            solid.throw_shadow(normal, offset, outline)
     elif callable(ground):
         dtype = jax.dtypes.canonicalize_dtype(np.asarray(q).dtype)
         low, high = _around(ax)
@@ -742,14 +742,10 @@ def _text(ax: Axes3D, p: np.ndarray, text: str, color: str | None = None, middle
     """Written beside a point of space, on the side that is away from another; to the right where there is none."""
     if not text:
         return []
-    return [ax.add_artist(_Label(p, middle, text, **_ink(color)))]
-
-
-def _ink(color: str | None) -> dict[str, Any]:
-    """Of texts, which can be read in front of robots."""
+    # So that it can be read in front of robots.
     halo = patheffects.withStroke(linewidth=2.5, foreground=pyplot.rcParams["figure.facecolor"])
-    look = {"color": color or pyplot.rcParams["text.color"], "fontsize": "small", "zorder": _FRAME + 1}
-    return {**look, "path_effects": [halo]}
+    look: Any = {"color": color or pyplot.rcParams["text.color"], "fontsize": "small", "zorder": _FRAME + 1}
+    return [ax.add_artist(_Label(p, middle, text, path_effects=[halo], **look))]
 
 
 class _Label(Text):
@@ -832,10 +828,9 @@ class _Meshes(Artist):
         self.corners, self.colors = corners, colors
         self.update(style)
 
-    def throw_shadow(self, ground: HalfSpace, outline: np.ndarray) -> None:
+    def throw_shadow(self, normal: np.ndarray, offset: float, outline: np.ndarray) -> None:
         """On a plane, within a part of it."""
-        normal = _numbers(ground.normal) / np.linalg.norm(ground.normal)
-        above = np.maximum(self.corners @ normal - float(ground.offset), 0)
+        above = np.maximum(self.corners @ normal - offset, 0)
         self.shadow = self.corners - above[..., None] / max(normal @ _LIGHT, 0.2) * _LIGHT
         self.outline = outline
 
@@ -936,12 +931,8 @@ def _around(ax: Axes3D) -> tuple[np.ndarray, np.ndarray]:
     return middle - half, middle + half
 
 
-def _plane(ax: Axes3D, ground: HalfSpace) -> np.ndarray:
+def _plane(ax: Axes3D, normal: np.ndarray, offset: float) -> np.ndarray:
     """A checkered part of the plane, next to the robot; returns its corners (4, 3)."""
-    if ground.batch_shape:
-        raise ValueError(f"plot.mechanism: ground: expected one plane, got a batch {ground.batch_shape}")
-    normal = _numbers(ground.normal)
-    normal = normal / np.linalg.norm(normal)
     # Its squares lie along the two axes of the world that it faces least.
     k = int(np.argmax(abs(normal)))
     a, b = (i for i in range(3) if i != k)
@@ -951,7 +942,7 @@ def _plane(ax: Axes3D, ground: HalfSpace) -> np.ndarray:
     def at(share: np.ndarray) -> np.ndarray:
         p = np.zeros((*share.shape[:-1], 3))
         p[..., [a, b]] = low[[a, b]] + share * (high - low)[[a, b]]
-        p[..., k] = (float(ground.offset) - p @ normal) / normal[k]
+        p[..., k] = (offset - p @ normal) / normal[k]
         return p
 
     corners = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])

@@ -20,7 +20,7 @@ import jax
 import numpy as np
 
 from jaxspatial import _drawing
-from jaxspatial._drawing import meshes, spheres, wrenches
+from jaxspatial._drawing import meshes, plane, spheres, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts
@@ -153,8 +153,12 @@ def record(
         for i in scene.times() if scene.n > 1 else ():
             scene.draw(i)
             recording.insert_sleep(1 / _FRAMES_PER_SECOND)
-        page = path.suffix == ".html"
-        path.write_bytes(_as_page(recording).encode() if page else recording.serialize())
+        if path.suffix == ".html":
+            # As viser writes it, but for its ground, which is white there or black, wherever the page is shown.
+            page = recording.as_html().replace("_CONFIG__={darkMode:false}", f"_CONFIG__={{darkMode:{_IS_DARK}}}", 1)
+            path.write_bytes(page.encode())
+        else:
+            path.write_bytes(recording.serialize())
     finally:
         with contextlib.redirect_stdout(io.StringIO()):
             scene.server.stop()
@@ -166,11 +170,6 @@ _IS_DARK = (
     '(window.frameElement?.ownerDocument.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)")'
     '.matches ? "dark" : "light")) === "dark"'
 )
-
-
-def _as_page(recording: Any) -> str:
-    """As viser writes it, but for its ground, which is white there or black, wherever the page is shown."""
-    return recording.as_html().replace("_CONFIG__={darkMode:false}", f"_CONFIG__={{darkMode:{_IS_DARK}}}", 1)
 
 
 class Scene:
@@ -210,8 +209,7 @@ class Scene:
             check.refuse(
                 "viewer: ground", "a HalfSpace, or a function from a point (3,) to its signed distance", ground
             )
-        if isinstance(ground, HalfSpace) and ground.batch_shape:
-            raise ValueError(f"viewer: ground: expected one plane, got a batch {ground.batch_shape}")
+        flat = plane("viewer", ground) if isinstance(ground, HalfSpace) else None
         touching, centres, radii = (
             ((), np.zeros((0, 3)), np.zeros(0)) if contacts is None else spheres("viewer", contacts)
         )
@@ -221,8 +219,7 @@ class Scene:
         self._wxyz, self._p = _poses(mech, states, names)
         arrows = _arrows(mech, states, forces)
         size = float(np.ptp(self._p[0], axis=0).max(initial=0.2))
-        is_plane = isinstance(ground, HalfSpace)
-        land = None if ground is None or is_plane else _land(ground, self._p, size, states.dtype)
+        land = None if ground is None or flat else _land(ground, self._p, size, states.dtype)
 
         self.server: Any = viser.ViserServer(host=host, port=port, verbose=False)
         add = self.server.scene
@@ -241,8 +238,8 @@ class Scene:
         away = size + (_add_boxes(add, mech) / 2 if shapes is None else 0)
         _add_spheres(add, touching, centres, radii, size)
         self._arrows = [_Arrows(add, *given, size) for given in arrows]
-        if isinstance(ground, HalfSpace):
-            _add_plane(add, ground, size)
+        if flat is not None:
+            _add_plane(add, *flat, size)
         elif land is not None:
             faces = np.arange(land.size // 3).reshape(-1, 3)
             look: Any = {"color": GROUND, "flat_shading": True, "side": "double", "opacity": 0.8}
@@ -340,9 +337,8 @@ def _poses(mech: Mechanism, q: np.ndarray, names: Sequence[str]) -> tuple[np.nda
     return np.asarray(X_WF.rotation.to_quaternion(precision="fast")), np.asarray(X_WF.translation)
 
 
-def _add_plane(add: Any, ground: HalfSpace, size: float) -> None:
-    normal = np.asarray(ground.normal) / np.linalg.norm(ground.normal)
-    place: Any = {"wxyz": _from_z(normal), "position": normal * float(ground.offset)}
+def _add_plane(add: Any, normal: np.ndarray, offset: float, size: float) -> None:
+    place: Any = {"wxyz": _from_z(normal), "position": normal * offset}
     edge = _GROUND * size
     add.add_grid("/ground", width=edge, height=edge, cell_size=_CELL * size, section_size=size, **place)
 

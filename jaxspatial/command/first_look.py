@@ -110,11 +110,11 @@ def _wrenches(n: int) -> dict[str, float]:
 
     def in_place(torque: Callable[..., Any]):
         program = jax.jit(torque, donate_argnums=0)
-        held = [tau + 0]
+        state = [tau + 0]
 
         def call():
-            held[0] = program(held[0], f, p)
-            return held[0]
+            state[0] = program(state[0], f, p)
+            return state[0]
 
         return call
 

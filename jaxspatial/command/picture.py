@@ -38,14 +38,15 @@ def draw(result: Result, file, ending: str = "png"):
     Narrow formats are drawn only where nothing else was measured."""
     known = dict.fromkeys(row.case.dtype for row in result.rows)
     dtypes = [dtype for dtype in known if dtype in trade.STREAMED] or list(known)
-    places: Any = _places(result, dtypes)
+    grid: Any = _places(result, dtypes)
     # Made without pyplot: it needs no backend with windows, and nothing is left open.
-    figure = Figure(figsize=(16, 4.75 * len(places)), layout="constrained")
-    axes: dict[str, Axes] = figure.subplot_mosaic(places)
+    figure = Figure(figsize=(16, 4.75 * len(grid)), layout="constrained")
+    axes: dict[str, Axes] = figure.subplot_mosaic(grid)
     for dtype in dtypes:
         rows = [row for row in result.rows if row.case.dtype == dtype]
-        each = [(row.case, (trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)), {"alpha": 0.85}) for row in rows]
-        _draw_points(axes[dtype], each, _MARKERS)
+        places = [(trade.nanoseconds(row.in_cache), _shown(row.worst_ulps)) for row in rows]
+        points = [(row.case, at, {"alpha": 0.85}) for row, at in zip(rows, places, strict=True)]
+        _draw_points(axes[dtype], points, _MARKERS)
         axes[dtype].set(ylabel=f"{dtype}: worst error,\nulps of a cancelled result")
     if dtypes:
         _label_trade([axes[dtype] for dtype in dtypes], result)
@@ -116,8 +117,8 @@ def _places(result, dtypes):
 def _draw_points(axes, points, markers):
     """Points (case, place, style); those of one operation in one dtype joined, in the colours of their precisions."""
     for group in dict.fromkeys(case[:2] for case, _, _ in points):
-        joined = [at for case, at, _ in points if case[:2] == group]
-        axes.plot(*zip(*joined, strict=True), color=_LIGHT, linewidth=1, zorder=1)
+        line = [at for case, at, _ in points if case[:2] == group]
+        axes.plot(*zip(*line, strict=True), color=_LIGHT, linewidth=1, zorder=1)
     for case, at, style in points:
         look: Any = {"color": _COLOURS[case.precision], "marker": markers[case.operation], "markersize": 8, **style}
         axes.plot(*at, linestyle="", zorder=2, **look)

@@ -55,9 +55,12 @@ def print_trade(console: Console, result: Result, full: bool = False):
     if result.rows:
         _print_full(_as_wide(console, _WIDTH), result) if full else _print_short(_as_wide(console), result)
     if result.algorithms:
-        _print_algorithms(_as_wide(console), result.algorithms)
+        lines = _lines(sorted(result.algorithms, key=lambda row: row.case.dtype), _whole_line)
+        _print_lines(_as_wide(console), "Whole algorithms", _WHOLE_HEAD, lines, _WHOLE_NOTES)
     if result.losses:
-        _print_losses(_as_wide(console), result.losses)
+        numbers = ([readable(x) for x in (loss.size, *loss.errors.values())] for loss in result.losses)
+        lines = (_LOSS_LINE.format(loss.name, *x, loss.unit) for loss, x in zip(result.losses, numbers, strict=True))
+        _print_lines(_as_wide(console), "What an application loses, in its own units", _LOSS_HEAD, lines, "")
 
 
 def _as_wide(console, width=_SCREEN):
@@ -181,11 +184,6 @@ worst of many states. faithful promises what compensated does.
 """
 
 
-def _print_algorithms(wide, rows):
-    lines = _lines(sorted(rows, key=lambda row: row.case.dtype), _whole_line)
-    _print_lines(wide, "Whole algorithms", _WHOLE_HEAD, lines, _WHOLE_NOTES)
-
-
 def _whole_line(rows: list[Evaluated]):
     """One algorithm in one dtype."""
     by_precision = {row.case.precision: row for row in rows}
@@ -202,12 +200,6 @@ _LOSS_LINE = "{:<40} {:>7} {:>7} {:>7} {:>7} {}"
 _LOSS_HEAD = """\
                                           largest  worst error in float32
                                            result    fast reprod.   comp."""
-
-
-def _print_losses(wide, losses):
-    numbers = ([readable(x) for x in (loss.size, *loss.errors.values())] for loss in losses)
-    lines = (_LOSS_LINE.format(loss.name, *x, loss.unit) for loss, x in zip(losses, numbers, strict=True))
-    _print_lines(wide, "What an application loses, in its own units", _LOSS_HEAD, lines, "")
 
 
 # -- all of it --------------------------------------------------------------------------------------------------------

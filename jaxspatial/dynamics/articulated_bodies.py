@@ -126,8 +126,8 @@ def _bias_to_parent(body: tuple[Link, Factors], Z: Wrench) -> tuple[Eliminated, 
     """([Elimination of each velocity], the bias force about the parent's origin), from the children's bias force Z."""
     link, factors = body
     if not isinstance(factors, list):
-        each = [stacking.mapped(lambda w, k=k: w[k], factors) for k in range(shape_of(factors)[0])]
-        matrix = Articulated(Symmetric(*each[:6]), Matrix.of_entries(each[6:15]), Symmetric(*each[15:]))
+        entries = [stacking.mapped(lambda w, k=k: w[k], factors) for k in range(shape_of(factors)[0])]
+        matrix = Articulated(Symmetric(*entries[:6]), Matrix.of_entries(entries[6:15]), Symmetric(*entries[15:]))
         return FloatingElimination(matrix, None, _wrench(link.tau) - Z), Z
     eliminated, Z = bias_beyond_joint(Z, link.joint.subspace, factors, link.tau)
     return eliminated, algebra.acted_wrench(link.X_PB, Z)

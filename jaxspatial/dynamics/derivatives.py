@@ -273,7 +273,7 @@ def _with_turning(state: MechanismState, links: list[Link], by_v: Number) -> Num
             unit = tuple(numbers.constant(kind.zero, int(k == m)) for k in range(len(v)))
             both = zip(link.armature, kind.transport(unit, v), kind.transport(v, unit), strict=True)
             rates.append(tuple(a * (x + y) for a, x, y in both))
-        if all(is_constant(x) and x.value == 0 for each in rates for x in each):
+        if all(is_constant(x) and x.value == 0 for of_joint in rates for x in of_joint):
             continue
         column = state.of_independent_joints(rates)
         is_here = jnp.asarray((np.arange(len(starts)) == starts[:, None] + m)[:, :, None])

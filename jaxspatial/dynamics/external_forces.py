@@ -83,8 +83,8 @@ def _applied_wrenches(state: MechanismState, external_forces: Wrenches) -> list[
         if not group.in_world:
             F = Wrench(R_WJ @ (X_JQ.R @ F.tau), R_WJ @ (X_JQ.R @ F.f))
         on_bodies.append((bodies, Wrench(F.tau + cross(R_WJ @ p_BQ_J, F.f), F.f)))
-    summed = _sums(on_bodies)
-    return [summed[body] for body in sorted(summed)]
+    sums = _sums(on_bodies)
+    return [sums[body] for body in sorted(sums)]
 
 
 # -- about joints -----------------------------------------------------------------------------------------------------
@@ -104,8 +104,8 @@ def loads(state: MechanismState, forces: Wrenches, of_load: OfLoad | None = None
     for group in forces:
         bodies, (X_JQ, F) = state.topology.bodies_of(group.frames), _about_joints(state, group, placed)
         on_bodies.append((bodies, (F.tau, F.f, of_load(F.tau, F.f, X_JQ.p, group.in_world))))
-    summed = _sums(on_bodies)
-    return [_of_bundle(state, bundle, summed, nothing) for bundle in state.bundles]
+    sums = _sums(on_bodies)
+    return [_of_bundle(state, bundle, sums, nothing) for bundle in state.bundles]
 
 
 def _about_joints(state: MechanismState, group: WrenchesOnFrames, placed: list[Pose]) -> tuple[Pose, Wrench]:

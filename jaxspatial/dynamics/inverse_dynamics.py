@@ -254,8 +254,8 @@ def _place(mechanism: Mechanism, name: str) -> tuple[bool, int]:
         return False, mechanism.joint_names.index(name)
     if name in welds:
         return True, welds.index(name)
-    held = [t.frames[frame][0] for _, frame in t.welds]
-    places = {x: (False, i) for i, x in enumerate(mechanism.body_names)} | {x: (True, k) for k, x in enumerate(held)}
+    welded = [t.frames[frame][0] for _, frame in t.welds]
+    places = {x: (False, i) for i, x in enumerate(mechanism.body_names)} | {x: (True, k) for k, x in enumerate(welded)}
     if name not in places:
         t.index((*mechanism.joint_names, *welds, *places), name, "joint_reactions: joints")
     return places[name]

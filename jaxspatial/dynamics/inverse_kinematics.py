@@ -207,9 +207,8 @@ class _Task(NamedTuple):
         if len(self.flat) == 2:
             rows, error = jnp.concatenate([J[:, 0], rows], 1), jnp.concatenate([jnp.asarray(e.w), error], -1)
         A, error = fixed(rows.reshape(-1, mechanism.nv)), error.reshape(-1)
-        at = _coordinates(mechanism)
-        lower, upper = self._limits(q)
-        is_low, is_high = (x[at.of_velocities] & at.are_one for x in (q <= lower, q >= upper))
+        (are_one, places), (lower, upper) = _coordinates(mechanism), self._limits(q)
+        is_low, is_high = (x[places] & are_one for x in (q <= lower, q >= upper))
         pull = jnp.matmul(error, A, precision="highest")
         is_held = is_low | is_high if to_be_differentiated else (is_low & (pull < 0)) | (is_high & (pull > 0))
         A = jnp.where(fixed(is_held), jnp.zeros_like(A), A)
@@ -231,20 +230,14 @@ class _Task(NamedTuple):
         return [jnp.asarray(x, q.dtype) for x in (self.mechanism.lower, self.mechanism.upper)]
 
 
-class _Coordinates(NamedTuple):
+def _coordinates(mechanism: Mechanism) -> tuple[np.ndarray, np.ndarray]:
     """For each velocity: whether it is the rate of a single coordinate, and of which."""
-
-    are_one: np.ndarray
-    of_velocities: np.ndarray
-
-
-def _coordinates(mechanism: Mechanism) -> _Coordinates:
     t = mechanism.topology
     are_one, places = np.zeros(t.nv, bool), np.zeros(t.nv, int)
     for i in range(len(t)):
         if not t.is_mimic(i) and t.kind(i).nq == t.kind(i).nv == 1:
             are_one[t.v_slice(i)], places[t.v_slice(i)] = True, t.q_slice(i).start
-    return _Coordinates(are_one, places)
+    return are_one, places
 
 
 def _least_motion(A: jax.Array, error: jax.Array, damping: jax.Array) -> jax.Array:

@@ -123,8 +123,8 @@ def _column_by_column(mechanism: Mechanism, q, v, vdot, forces, precision: Preci
         return jax.jvp(functools.partial(torques, k), (jnp.asarray(at[k]),), (along,))[1]
 
     units = jnp.eye(mechanism.nv, dtype=q.dtype)
-    each = (jax.vmap(functools.partial(column, k), out_axes=-1)(units) for k in range(3))
-    return InverseDynamicsDerivatives(*each)
+    parts = (jax.vmap(functools.partial(column, k), out_axes=-1)(units) for k in range(3))
+    return InverseDynamicsDerivatives(*parts)
 
 
 def forward_dynamics_derivatives(

@@ -255,8 +255,8 @@ def _positional(joints: JointsOfKind, v: Array, compliance: Compliance) -> list[
                 *(joints.velocities(x)[n_turns:] for x in softness),
                 *(joints.coordinates(x)[on_sphere:] for x in limits),
             )
-            each = zip(q[on_sphere:], speeds, *numbers, strict=True)
-            forces = list(map(operator.add, forces, (_of_limit(*x) for x in each)))
+            coordinates = zip(q[on_sphere:], speeds, *numbers, strict=True)
+            forces = list(map(operator.add, forces, (_of_limit(*x) for x in coordinates)))
         forces = joints.joint.generalized_forces(q, cos_sin, forces)
     return [[*torques, *forces]]
 

@@ -167,11 +167,10 @@ class ArticulatedInertia(Additive):
             >>> print(P.to_matrix()[3])
             [0. 0. 0. 1. 0. 0.]
         """
-        parts = (
-            to_double_word(self._vectors) if any(isinstance(x, DoubleWord) for x in self._vectors) else self._vectors
-        )
-        joined = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
-        return joined[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
+        parts = self._vectors
+        parts = to_double_word(parts) if any(isinstance(x, DoubleWord) for x in parts) else parts
+        entries = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
+        return entries[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
 
     def is_physically_valid(self, tolerance: float | None = None) -> jax.Array:
         """Whether no eigenvalue is below -tolerance times the size of the matrix; NaN is never valid.
@@ -408,10 +407,10 @@ def _freedoms(
         if not isinstance(s, SpatialVelocity):
             refuse("joint_projection: S", "a SpatialVelocity or a list of them", s)
         require_compatible(ArticulatedInertia=P, S=s)
-    each = armature if isinstance(armature, (list, tuple)) else [armature] * len(motions)
-    if len(each) != len(motions):
-        raise ValueError(f"joint_projection: armature: expected {len(motions)} numbers, got {len(each)}")
-    armatures = [expanded(check.as_float_array(x, "joint_projection: armature", P.dtype)) for x in each]
+    given = armature if isinstance(armature, (list, tuple)) else [armature] * len(motions)
+    if len(given) != len(motions):
+        raise ValueError(f"joint_projection: armature: expected {len(motions)} numbers, got {len(given)}")
+    armatures = [expanded(check.as_float_array(x, "joint_projection: armature", P.dtype)) for x in given]
     for x in armatures:
         require_compatible(ArticulatedInertia=P, armature=x)
     return motions, armatures

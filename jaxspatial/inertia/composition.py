@@ -27,21 +27,7 @@ from jaxspatial.spatial import algebra
 # -- two bodies -------------------------------------------------------------------------------------------------------
 
 
-def combined(a: Inertia, b: Inertia) -> Inertia:
-    """Two bodies as one; without mass, com is the mean of both."""
-    return sum_of_two(a, b, 0.5)
-
-
-with_body = formula(combined)
-
-
-@formula
-def without_body(a: Inertia, b: Inertia) -> Inertia:
-    """What is left of the first body without the second; without mass, com stays."""
-    return sum_of_two(a, Inertia(-b.mass, b.com, -b.central), 0.0)
-
-
-def sum_of_two(a: Inertia, b: Inertia, share: float) -> Inertia:
+def combined(a: Inertia, b: Inertia, share: float = 0.5) -> Inertia:
     """Two bodies as one, with the centre of mass computed from that of the heavier body: exact where both coincide.
 
     share: of the way from a to b at which the centre of mass is where neither body has mass.
@@ -58,6 +44,15 @@ def sum_of_two(a: Inertia, b: Inertia, share: float) -> Inertia:
     )
     arm = steiner(heavier * (lighter / divisor), d)
     return Inertia(m, com, Symmetric(*(x + y + z for x, y, z in zip(a.central, b.central, arm, strict=True))))
+
+
+with_body = formula(combined)
+
+
+@formula
+def without_body(a: Inertia, b: Inertia) -> Inertia:
+    """What is left of the first body without the second; without mass, com stays."""
+    return combined(a, Inertia(-b.mass, b.com, -b.central), 0.0)
 
 
 @noinline_pairs
@@ -116,8 +111,8 @@ def sums_over_items(numbers: Numbers, size: int) -> Numbers:
     # All of them in one array: one chain of additions.
     shape = check.broadcast_shapes((size,), *(x.shape for x in data))
     sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in data]))
-    each = iter(unstack(jnp.moveaxis(sums, 0, -1)))
-    return tuple(x if is_known(x.value, 0) else Rounded(x.precision, next(each)[..., None]) for x in rounded)
+    found = iter(unstack(jnp.moveaxis(sums, 0, -1)))
+    return tuple(x if is_known(x.value, 0) else Rounded(x.precision, next(found)[..., None]) for x in rounded)
 
 
 @noinline_pairs

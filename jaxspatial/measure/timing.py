@@ -63,15 +63,12 @@ def machine():
     n = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     cores = f"{n} core{'' if n == 1 else 's'} in use, {jax.default_backend()}"
     versions = f"jax {jax.__version__}, jaxlib {version('jaxlib')}, numpy {np.__version__}"
-    return f"{_processor()}, {cores}, Python {platform.python_version()}, {versions}"
-
-
-def _processor():
     try:
         with open("/proc/cpuinfo") as lines:
-            return next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
+            processor = next(line.split(":")[1].strip() for line in lines if line.startswith("model name"))
     except (OSError, StopIteration):
-        return platform.processor() or platform.machine()
+        processor = platform.processor() or platform.machine()
+    return f"{processor}, {cores}, Python {platform.python_version()}, {versions}"
 
 
 # -- which precision a function needs ----------------------------------------------------------------------------------
@@ -99,8 +96,8 @@ class Recommendation:
 
     def __init__(self, rows: Iterable[Measured], tolerance: float):
         self.rows, self.tolerance = tuple(rows), tolerance
-        held = [row for row in self.rows if row.holds]
-        self.precision = min(held, key=lambda row: row.seconds).precision if held else None
+        good = [row for row in self.rows if row.holds]
+        self.precision = min(good, key=lambda row: row.seconds).precision if good else None
 
     def __repr__(self):
         fastest = min(row.seconds for row in self.rows)
@@ -108,17 +105,16 @@ class Recommendation:
         for row in self.rows:
             time, ratio = f"{row.seconds * 1e6:.4g} us", f"{row.seconds / fastest:.2f}"
             lines.append(f"{row.precision:14}{row.error:14.2e}{time:>14}{ratio:>12}{'yes' if row.holds else 'no':>7}")
-        return "\n".join([*lines, self._conclusion])
-
-    @property
-    def _conclusion(self):
-        if self.precision is not None:
-            return f'use "{self.precision}": the fastest with errors of at most {self.tolerance:.2g} of the result'
         best = min(self.rows, key=lambda row: row.error)
-        return (
+        conclusion = (
             f"no precision holds {self.tolerance:.2g}, the best has {best.error:.2e}: the numbers themselves have to "
             "be of a wider dtype, or carried as DoubleWord"
         )
+        if self.precision is not None:
+            conclusion = (
+                f'use "{self.precision}": the fastest with errors of at most {self.tolerance:.2g} of the result'
+            )
+        return "\n".join([*lines, conclusion])
 
 
 def recommend(function: Callable, *arguments, tolerance: float, rounds: int = 9):

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import operator
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import jax
 import numpy as np
@@ -104,8 +105,8 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
         ('shoulder',) [[5.3333]]
     """
     (bodies, joints, frames), t = parts(mechanism), mechanism.topology
-    locked = dict[str, float]()
-    for name, q in positions.items():
+    locked, numbers = dict[str, float](), dict[str, Any](positions)
+    for name, q in numbers.items():
         i = t.index(t.joint_names, name, "lock_joints: positions")
         if t.is_mimic(i):
             followed = t.joint_names[t.followed[i]]
