@@ -24,6 +24,7 @@ from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, le
 from jaxspatial.numerics.numbers import Number, Numbers, constant, high, noinline_pairs, where
 from jaxspatial.numerics.numbers.double_word import from_double_word
 from jaxspatial.numerics.promise import Normwise, OfSum, Promise
+from jaxspatial.numerics.quantity import require_compatible
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 MASS, CENTRAL = Promise(12, 64), Promise(20, 64)
@@ -97,8 +98,7 @@ def computed(
     shape: Callable, precision: PrecisionName, arrays: dict[str, jax.Array], **static
 ) -> tuple[jax.Array, Any, jax.Array]:
     """(mass, com, central) that a formula gives; com is a known zero where the formula has none."""
-    check.require_same_dtype(**arrays)
-    batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()})
+    batch = require_compatible(**arrays)
     has_no_axis = False
     if "axis" in arrays:
         has_no_axis = isinstance(arrays["axis"], np.ndarray) and not arrays["axis"].any(-1).all()

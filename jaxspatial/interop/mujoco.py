@@ -29,6 +29,7 @@ from jaxspatial.interop.orders import K
 from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.check import require_kind
+from jaxspatial.numerics.quantity import require_compatible
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.rotation.rotation import rotated
@@ -684,8 +685,7 @@ def _arguments(operation: str, mechanism: Mechanism, **arrays: ArrayLike) -> tup
         name: check.as_vectors(x, f"{operation}: {name}", size=sizes.get(name, mechanism.nv))
         for name, x in arrays.items()
     }
-    check.require_same_dtype(**checked)
-    batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in checked.items()})
+    batch = require_compatible(**checked)
     dtype = next(iter(checked.values())).dtype
     slices = ([slice(a, b) for a, b in itertools.pairwise(ends)] for ends in (qpos, qvel))
     joints = [_Joint(mechanism, i, a, b, dtype) for i, (a, b) in enumerate(zip(*slices, strict=True))]

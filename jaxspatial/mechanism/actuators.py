@@ -11,7 +11,7 @@ import numpy as np
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.numbers import Number, where
-from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
+from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of, require_compatible
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 if TYPE_CHECKING:
@@ -110,8 +110,7 @@ class Actuators(OfOneDtype):
             if array.shape[-1:] not in ((), (size,)):
                 raise ValueError(f"Actuators: {name}: expected a number, or shape (*batch, {size}), got {array.shape}")
             arrays[name] = array
-        check.require_same_dtype(**arrays)
-        check.common_batch_shape(**{name: x.shape[:-1] for name, x in arrays.items()})
+        require_compatible(**arrays)
         for name, x in arrays.items():
             object.__setattr__(self, name, check.owned(x))
 
@@ -209,9 +208,7 @@ class Actuators(OfOneDtype):
         what, n = "Actuators.torques", len(self.names)
         sizes = {"q": (q, mech.nq), "v": (v, mech.nv), "ctrl": (ctrl, n)}
         arrays = {k: check.as_vectors(x, f"{what}: {k}", self.dtype, size=m) for k, (x, m) in sizes.items()}
-        check.require_same_dtype(actuators=self, **arrays)
-        batches = {name: x.shape[:-1] for name, x in arrays.items()}
-        batch = check.common_batch_shape(actuators=self.batch_shape, **batches)
+        batch = require_compatible(actuators=self, **arrays)
         pulls = _pulls(mech, self.joints)
         dtype, gears = arrays["q"].dtype, self._repeated("gears", len(pulls.actuator))
         coordinate, rate = arrays["q"][..., pulls.q], arrays["v"][..., pulls.v]

@@ -27,7 +27,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, where
-from jaxspatial.numerics.quantity import exported
+from jaxspatial.numerics.quantity import exported, require_compatible
 from jaxspatial.numerics.types import PrecisionName
 
 # In units of eps and of the largest length: lines that are as near cross, and edges that are as parallel have no common
@@ -128,8 +128,7 @@ def _of(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
     for name, x in (("a", a), ("b", b)):
         if not isinstance(x, Shape):
             check.refuse(f"{what}: {name}", "a shape, such as js.Capsule", x)
-    check.require_same_dtype(a=a, b=b)
-    check.common_batch_shape(a=a.batch_shape, b=b.batch_shape)
+    require_compatible(a=a, b=b)
     a, b = check.narrowed((a, b))
     kinds = f"{type(a).__name__} and {type(b).__name__}"
     is_turned = (

@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
+from jaxspatial.numerics.quantity import require_compatible
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
@@ -49,8 +50,7 @@ def of_all_joints(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTy
         own.append(given.get(i, np.array(kind.neutral if form.size == "nq" else (0.0,) * kind.nv, dtype)))
     own = own or [np.zeros(0, dtype)]
     short = {t.joint_names[i]: x for i, x in given.items()} or {"": own[0]}
-    check.require_same_dtype(**short)
-    batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in short.items()})
+    batch = require_compatible(**short)
     concatenate = np.concatenate if all(isinstance(x, np.ndarray) for x in own) else jnp.concatenate
     return concatenate(check.broadcast_batch(batch, *own), -1)
 

@@ -12,7 +12,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, dot, norm, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, times_power_of_two, where
-from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of, rebuilt, tree, tree_of
+from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of, rebuilt, require_compatible, tree, tree_of
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
@@ -198,8 +198,7 @@ class Shape(OfOneDtype):
     def _checked(self, point: ArrayLike) -> tuple[jax.Array, jax.Array]:
         what = type(self).__name__
         p = check.as_vectors(point, f"{what}: point", self.dtype)
-        check.require_same_dtype(**{what: self, "point": p})
-        check.common_batch_shape(**{what: self.batch_shape, "point": p.shape[:-1]})
+        require_compatible(**{what: self, "point": p})
         return check.narrowed(self).normals_and_distances(None, p)
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -527,8 +526,7 @@ class Union(Shape):
         for i, x in enumerate(shapes):
             if not isinstance(x, Shape):
                 check.refuse(f"Union: shapes[{i}]", "a shape, such as js.Box", x)
-        check.require_same_dtype(**{f"shapes[{i}]": x for i, x in enumerate(shapes)})
-        check.common_batch_shape(**{f"shapes[{i}]": x.batch_shape for i, x in enumerate(shapes)})
+        require_compatible(**{f"shapes[{i}]": x for i, x in enumerate(shapes)})
         object.__setattr__(self, "shapes", shapes)
 
     @property

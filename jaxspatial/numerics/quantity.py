@@ -100,7 +100,12 @@ def rebuilt(cls: type[_Class], names: Iterable[str], parts: Iterable) -> _Class:
 
 
 class OfOneDtype:
-    """Base of trees of arrays of one dtype."""
+    """Base of trees of arrays of one dtype, with a batch shape."""
+
+    if typing.TYPE_CHECKING:
+
+        @property
+        def batch_shape(self) -> tuple[int, ...]: ...
 
     def astype(self, dtype: DTypeLike | None) -> typing.Self:
         """The same with all numbers rounded to another dtype. NumPy stays NumPy.
@@ -303,11 +308,12 @@ class Additive(Quantity):
 
 
 def require_compatible(**arguments) -> tuple[int, ...]:
-    """The common batch shape of quantities and arrays (*batch, n) by name, which are to be of one dtype."""
+    """The common batch shape of arrays (*batch, n), and of what has a batch shape, by name; all are to be of one
+    dtype."""
     check.require_same_dtype(**arguments)
     shapes = dict[str, tuple[int, ...]]()
     for name, x in arguments.items():
-        shapes[name] = x.batch_shape if isinstance(x, Quantity) else x.shape[:-1]
+        shapes[name] = x.batch_shape if isinstance(x, (Quantity, OfOneDtype)) else x.shape[:-1]
     return check.common_batch_shape(**shapes)
 
 

@@ -206,5 +206,5 @@ def _newton_step(entries: Numbers) -> Numbers:
 
 
 def _times(s: Number, entries: Numbers) -> Numbers:
-    """All in one operation, where that is shorter to compile: see `each`."""
+    """All in one operation, where that is shorter to compile: see `entrywise`."""
     return entrywise(operator.mul, (s,) * len(entries), entries)

@@ -740,10 +740,11 @@ def _times(operation: Callable, part, s):
 
     Double words and Components have operators for it.
     """
+    factor = s
     x = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
     if isinstance(x, check.StandIn):
-        return x * s if operation is product else x / s
-    return operation(barrier(x), barrier(jnp.broadcast_to(s, x.shape)))
+        return x * factor if operation is product else x / factor
+    return operation(barrier(x), barrier(jnp.broadcast_to(factor, x.shape)))
 
 
 def part_by_part(operation: Callable, x: _Kind, y: _Kind) -> _Kind:

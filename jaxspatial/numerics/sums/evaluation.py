@@ -51,11 +51,6 @@ class Plan(NamedTuple):
     def axis(self) -> int:
         return 0 if self.leading else len(self.batch)
 
-    @property
-    def degree(self) -> int:
-        """The largest number of factors of a term."""
-        return max(len(t.factors) for s in self.sums for terms in s.components for t in terms)
-
     def shape(self, s: Sum) -> tuple[int, ...]:
         """The shape of the result for a Sum; axes that are summed over keep size 1."""
         batch = [1 if i in s.reduced else n for i, n in enumerate(self.batch)]
@@ -108,7 +103,7 @@ def _trials(plan: Plan, is_narrow: bool) -> Sequence[Trial]:
         if is_narrow
         else (ESTIMATED, CERTIFIED, FAITHFUL)
     )
-    is_exact = is_narrow and plan.degree <= 2
+    is_exact = is_narrow and all(len(t.factors) <= 2 for s in plan.sums for terms in s.components for t in terms)
     has_trial = not plan.is_pair and not any(s.reduced for s in plan.sums) and (is_exact or not is_narrow)
     rest = [faithful] if is_exact else [certified, faithful]
     is_short = is_exact and max(len(terms) for s in plan.sums for terms in s.components) <= _FEW
