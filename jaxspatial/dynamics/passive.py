@@ -22,6 +22,7 @@ from jaxspatial.numerics.linear import Vector, dot
 from jaxspatial.numerics.numbers import Number, Numbers, high, where
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import exported
+from jaxspatial.numerics.sums.pairwise import of_neighbours
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 
@@ -354,7 +355,8 @@ def _tendon_forces(state: MechanismState, v: Array, rows: tuple[_Row, ...], *, p
         c = [_number(state, row.coefficients, k) for k in range(len(coordinates))]
         q = [_number(state, state.q, i) for i, _ in coordinates]
         rates = [_number(state, v, i) for _, i in coordinates]
-        tension = _tension(state, row, _weighted(c, q) + _number(state, row.offset, 0), _weighted(c, rates))
+        length, rate = (of_neighbours(operator.add, list(map(operator.mul, c, x))) for x in (q, rates))
+        tension = _tension(state, row, length + _number(state, row.offset, 0), rate)
         for (_, i), factor in zip(coordinates, c, strict=True):
             forces.setdefault(i, []).append(factor * tension)
     nothing = state.known(0.0)
@@ -391,11 +393,3 @@ def _of_limits(state: MechanismState, row: _Row, length: Number, rate: Number) -
 def _number(state: MechanismState, array: Array, i: int) -> Number:
     """Number i of an array (k,), or of data (k, B)."""
     return state.numbers(array[i : i + 1])[0]
-
-
-def _weighted(c: list[Number], x: list[Number]) -> Number:
-    """The sum of c x, by halving."""
-    terms = [a * b for a, b in zip(c, x, strict=True)]
-    while len(terms) > 1:
-        terms = [*map(operator.add, terms[::2], terms[1::2]), *terms[len(terms) // 2 * 2 :]]
-    return terms[0]

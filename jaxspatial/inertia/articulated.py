@@ -16,6 +16,7 @@ from jaxspatial.numerics import check, elimination
 from jaxspatial.numerics.check import as_matrices, expanded, refuse, require_kind
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import (
+    PLACES,
     Articulated,
     Inertia,
     Matrix,
@@ -419,10 +420,6 @@ def _freedoms(
 # -- over numbers -----------------------------------------------------------------------------------------------------
 
 
-# Where the six numbers of a symmetric matrix stand.
-_PLACES = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-
-
 def of_body(M: Inertia) -> Articulated:
     """J = I + m (|c|^2 1 - c c^T), F = m [c]x, M = m 1."""
     return Articulated(M.central + steiner(M.mass, M.com), skew(M.mass * M.com), Symmetric.diagonal(*[M.mass] * 3))
@@ -449,7 +446,7 @@ def shifted(P: Articulated, p: Vector) -> Articulated:
     moved = Matrix(*(cross(p, column) for column in P.M.matrix)).T
     F = Matrix.of_entries(list(map(operator.sub, P.F.entries, moved.entries)))
     before, after = ([cross(row, p) for row in m] for m in (P.F, F))
-    J = Symmetric(*(x + (before[k][i] + after[i][k]) for x, (i, k) in zip(P.J, _PLACES, strict=True)))
+    J = Symmetric(*(x + (before[k][i] + after[i][k]) for x, (i, k) in zip(P.J, PLACES, strict=True)))
     return Articulated(J, F, P.M)
 
 
@@ -485,7 +482,7 @@ def UDinv_of(U: Wrench, D: Number) -> Wrench:
 def rank_one_downdate(P: Articulated, U: Wrench, UDinv: Wrench) -> Articulated:
     """P - U D^-1 U^T, with UDinv = U D^-1."""
     J, M = (
-        Symmetric(*(x - u[i] * v[k] for x, (i, k) in zip(S, _PLACES, strict=True)))
+        Symmetric(*(x - u[i] * v[k] for x, (i, k) in zip(S, PLACES, strict=True)))
         for S, u, v in ((P.J, U.tau, UDinv.tau), (P.M, U.f, UDinv.f))
     )
     return Articulated(J, Matrix.of_entries([x - U.tau[i // 3] * UDinv.f[i % 3] for i, x in enumerate(P.F.entries)]), M)

@@ -16,7 +16,7 @@ import numpy as np
 from jaxspatial.numerics import eigen, linear
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import exp, log
-from jaxspatial.numerics.linear import Inertia, Matrix, Symmetric, Vector, left_sum, skew
+from jaxspatial.numerics.linear import PLACES, Inertia, Matrix, Symmetric, Vector, left_sum, skew
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, halved, high, times_power_of_two, where
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.spatial import algebra
@@ -104,7 +104,7 @@ def from_second_moments(ten: Numbers) -> list[Numbers]:
     """[com, central] of m, m c, and Sigma about the origin."""
     moment = Vector(*ten[1:4])
     com = _center(ten[0], moment)
-    products = [moment[i] * com[j] for i, j in ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))]
+    products = [moment[i] * com[j] for i, j in PLACES]
     return [com, Symmetric(*map(operator.sub, ten[4:], products)).trace_minus()]
 
 

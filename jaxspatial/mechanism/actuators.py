@@ -1,5 +1,6 @@
 """Actuators: motors with linear gains and limits, and how they pull at joints."""
 
+import functools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
@@ -12,6 +13,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.numbers import Number, where
 from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of, require_compatible
+from jaxspatial.numerics.sums.pairwise import of_neighbours
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
 if TYPE_CHECKING:
@@ -286,11 +288,7 @@ def _sums(precision: PrecisionName, x: jax.Array, groups: np.ndarray) -> jax.Arr
     if width == 1 and (groups < x.shape[-1]).all():
         return x[..., groups[:, 0]]
     x = jnp.concatenate([x, jnp.zeros((*x.shape[:-1], 1), x.dtype)], -1)
-    terms = [x[..., groups[:, k]] for k in range(width)]
-    while len(terms) > 1:
-        sums = [plus(precision, a, b) for a, b in zip(terms[::2], terms[1::2], strict=False)]
-        terms = [*sums, *terms[len(terms) // 2 * 2 :]]
-    return terms[0]
+    return of_neighbours(functools.partial(plus, precision), [x[..., groups[:, k]] for k in range(width)])
 
 
 def _clipped(precision: PrecisionName, x: jax.Array, lower, upper) -> jax.Array:

@@ -140,6 +140,10 @@ class _Six(NamedTuple):
     zz: Number
 
 
+# Where the six numbers stand in the matrix.
+PLACES = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+
+
 class Symmetric(Entrywise, _Six):
     """A symmetric 3 x 3 matrix by six numbers: Pinocchio's order, the lower triangle row by row."""
 
@@ -148,7 +152,7 @@ class Symmetric(Entrywise, _Six):
     @classmethod
     def of_matrix(cls, m: Matrix) -> "Symmetric":
         """From the lower triangle of a matrix."""
-        return cls(m[0][0], m[1][0], m[1][1], m[2][0], m[2][1], m[2][2])
+        return cls(*(m[i][k] for i, k in PLACES))
 
     @classmethod
     def diagonal(cls, xx: Number, yy: Number, zz: Number) -> "Symmetric":
@@ -266,7 +270,7 @@ def cross(a: Sequence[Number], b: Sequence[Number]) -> Vector:
 def congruence(R: Matrix, S: Symmetric) -> Symmetric:
     """R S R^T: a symmetric matrix in other axes."""
     turned = R @ S
-    return Symmetric(*(dot(turned[i], R[k]) for i in range(3) for k in range(i + 1)))
+    return Symmetric(*(dot(turned[i], R[k]) for i, k in PLACES))
 
 
 def skew(v: Sequence[Number]) -> Matrix:
