@@ -7,6 +7,7 @@ from typing import NamedTuple
 import jax
 
 from jaxspatial.inertia.inertia import SpatialInertia
+from jaxspatial.inertia.parameters import quotient
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import log, series
@@ -107,15 +108,10 @@ def _factor(S: Symmetric) -> _Factor:
     """S = L L^T, from the last column on. NaN where S is indefinite; a zero on the diagonal where S is singular."""
     xx, xy, yy, xz, yz, zz = S
     l33 = zz.sqrt()
-    l13, l23 = _quotient(xz, l33), _quotient(yz, l33)
+    l13, l23 = quotient(xz, l33), quotient(yz, l33)
     l22 = (yy - l23 * l23).sqrt()
-    l12 = _quotient(xy - l13 * l23, l22)
+    l12 = quotient(xy - l13 * l23, l22)
     return _Factor((xx - (l12 * l12 + l13 * l13)).sqrt(), l12, l22, l13, l23, l33)
-
-
-def _quotient(a: Number, b: Number) -> Number:
-    """a / b; 0 where nothing is divided by nothing."""
-    return a / where((high(a) == 0) & (high(b) == 0), 1.0, b)
 
 
 @noinline_pairs

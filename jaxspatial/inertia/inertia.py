@@ -316,7 +316,7 @@ class SpatialInertia(Additive):
             SpatialInertia(mass=2.0, com=[0.0, 0.0, 0.5], central=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         """
         dtype = shapes.dtype_of(com, mass)
-        c = check.as_vectors(com, "point_mass: com", dtype, held=True)
+        c = check.as_vectors(com, "point_mass: com", dtype, keep_dtype=True)
         m = shapes.number(mass, "point_mass: mass", dtype, may_be_zero=True)
         check.require_same_dtype(com=c, mass=m)
         batch = check.common_batch_shape(com=c.shape[:-1], mass=m.shape)
@@ -600,7 +600,7 @@ class SpatialInertia(Additive):
         """
         kind, amount = shapes.single_amount("solid_tetrahedron", mass, density)
         dtype = shapes.dtype_of(vertices, amount)
-        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], held=True)
+        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], keep_dtype=True)
         if v.shape[-2] != 4:
             raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
         amount = shapes.number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
@@ -1454,8 +1454,8 @@ def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, na
     """The three as arrays of one dtype over their common batch, the last by six entries."""
     dtype = check.floating_dtype(mass, com, six)
     arrays = {
-        f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, held=True),
-        f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, held=True),
+        f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, keep_dtype=True),
+        f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, keep_dtype=True),
         f"{operation}: {name}": as_entries(six, f"{operation}: {name}", 6, dtype),
     }
     arrays = check.same_dtype(**arrays)
@@ -1467,7 +1467,7 @@ def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, na
 
 def as_entries(x: ArrayLike, name: str, n: int, dtype: DTypeLike | None = None):
     """An array (*batch, n), or of matrices (*batch, 3, 3) their n entries: 6 of symmetric ones, or all 9."""
-    array = check.as_float_array(x, name, dtype, held=True)
+    array = check.as_float_array(x, name, dtype, keep_dtype=True)
     if array.shape[-1:] == (n,):
         return array
     if array.shape[-2:] != (3, 3):

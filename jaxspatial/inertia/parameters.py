@@ -90,20 +90,20 @@ def pseudo_inertia(precision: PrecisionName, M: Inertia) -> jax.Array:
 def from_dynamic_parameters(ten: Numbers) -> list[Numbers]:
     """[com, central]."""
     moment = Vector(*ten[1:4])
-    com = _center(ten[0], moment)
+    com = Vector(*(quotient(p, ten[0]) for p in moment))
     return [com, Symmetric(*map(operator.sub, ten[4:], algebra.point_inertia(moment, com)))]
 
 
-def _center(m: Number, moment: Vector) -> Vector:
-    """m c / m; 0 where nothing is divided by nothing."""
-    return Vector(*(p / where((high(m) == 0) & (high(p) == 0), 1.0, m) for p in moment))
+def quotient(a: Number, b: Number) -> Number:
+    """a / b; 0 where nothing is divided by nothing."""
+    return a / where((high(b) == 0) & (high(a) == 0), 1.0, b)
 
 
 @formula
 def from_second_moments(ten: Numbers) -> list[Numbers]:
     """[com, central] of m, m c, and Sigma about the origin."""
     moment = Vector(*ten[1:4])
-    com = _center(ten[0], moment)
+    com = Vector(*(quotient(p, ten[0]) for p in moment))
     products = [moment[i] * com[j] for i, j in PLACES]
     return [com, Symmetric(*map(operator.sub, ten[4:], products)).trace_minus()]
 

@@ -58,7 +58,7 @@ def body(
         if n == 1:
             arrays[key] = expanded(number(x, f"{name}: {key}", dtype, key in may_be_zero))
         else:
-            arrays[key] = check.as_vectors(x, f"{name}: {key}", dtype, size=n, held=True)
+            arrays[key] = check.as_vectors(x, f"{name}: {key}", dtype, size=n, keep_dtype=True)
             _require_positive(arrays[key], f"{name}: {key}", key in may_be_zero)
     inner, outer = arrays.get("inner_radius"), arrays.get("outer_radius")
     if isinstance(inner, np.ndarray) and isinstance(outer, np.ndarray) and (inner > outer).any():
@@ -82,7 +82,7 @@ def dtype_of(*values) -> np.dtype | None:
 
 
 def number(x: ArrayLike, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:
-    array = check.as_float_array(x, name, dtype, held=True)
+    array = check.as_float_array(x, name, dtype, keep_dtype=True)
     _require_positive(array, name, may_be_zero)
     return array
 

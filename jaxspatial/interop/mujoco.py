@@ -178,7 +178,7 @@ def to_contact_force(F_P_W: SpatialForce, frame: ArrayLike, *, precision: Precis
 
 def _rotation(matrix: ArrayLike) -> Rotation:
     """Of (*batch, 9) in C or (*batch, 3, 3) in MJX, row by row."""
-    m = check.as_float_array(matrix, "mujoco: matrix", held=True)
+    m = check.as_float_array(matrix, "mujoco: matrix", keep_dtype=True)
     return Rotation.from_matrix(m if m.shape[-1] == 3 else m.reshape((*m.shape[:-1], 3, 3)))
 
 
@@ -252,7 +252,9 @@ def from_xfrc_applied(model, xfrc_applied: ArrayLike) -> AppliedForces:
         >>> print(forces.frames, forces.points, forces.wrenches.f)
         ('ball',) [[0.  0.  0.5]] [[0. 1. 0.]]
     """
-    six = check.as_vectors(xfrc_applied, "mujoco.from_xfrc_applied: xfrc_applied", size=6, many=["nbody"], held=True)
+    six = check.as_vectors(
+        xfrc_applied, "mujoco.from_xfrc_applied: xfrc_applied", size=6, many=["nbody"], keep_dtype=True
+    )
     if six.shape[-2] != model.nbody:
         raise ValueError(f"mujoco.from_xfrc_applied: expected shape (*batch, {model.nbody}, 6), got {six.shape}")
     return bodies.from_rows(_body_names(model)[1:], six[..., 1:, :], model.body_ipos[..., 1:, :])

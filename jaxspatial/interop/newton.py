@@ -91,7 +91,7 @@ def from_body_f(model, body_f) -> AppliedForces:
         ('upper', 'lower') [0. 1. 0.]
     """
     labels, centers = _bodies("newton.from_body_f", model)
-    x = check.as_vectors(_array(body_f), "newton.from_body_f: body_f", size=6, many=["n"], held=True)
+    x = check.as_vectors(_array(body_f), "newton.from_body_f: body_f", size=6, many=["n"], keep_dtype=True)
     if model.world_count > 1 and x.ndim == 2:
         x = x.reshape((model.world_count, -1, 6))
     if x.shape[-2] != len(labels):

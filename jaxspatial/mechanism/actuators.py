@@ -108,7 +108,7 @@ class Actuators(OfOneDtype):
         dtype, arrays = check.floating_dtype(*given.values()), dict[str, Any]()
         for name, x in given.items():
             size = sum(map(len, joints)) if name == "gears" else len(names)
-            array = check.as_float_array(x, f"Actuators: {name}", dtype, held=True)
+            array = check.as_float_array(x, f"Actuators: {name}", dtype, keep_dtype=True)
             if array.shape[-1:] not in ((), (size,)):
                 raise ValueError(f"Actuators: {name}: expected a number, or shape (*batch, {size}), got {array.shape}")
             arrays[name] = array

@@ -81,7 +81,7 @@ class PointContacts(OfOneDtype):
         arrays = {name: per_frame("PointContacts", name, given[name], len(frames), dtype) for name in _PARAMETERS}
         if self.positions is not None:
             what, n = "PointContacts: positions", len(frames)
-            positions = check.as_vectors(self.positions, what, dtype, many=[str(n)], held=True)
+            positions = check.as_vectors(self.positions, what, dtype, many=[str(n)], keep_dtype=True)
             if positions.shape[-2] != n:
                 raise ValueError(f"{what}: expected shape (*batch, {n}, 3), got {positions.shape}")
             arrays["positions"] = positions
@@ -235,7 +235,7 @@ def per_frame(kind: str, name: str, x, n: int, dtype: DTypeLike | None):
     what = f"{kind}: {name}"
     if x is None:
         raise TypeError(f"{what}: expected a number, ({n},) or (*batch, {n}), got None")
-    array = cast(Any, check.as_float_array(x, what, dtype, held=True))
+    array = cast(Any, check.as_float_array(x, what, dtype, keep_dtype=True))
     if array.shape[-1:] not in ((), (n,)):
         raise ValueError(f"{what}: expected a number, or shape (*batch, {n}), got {array.shape}")
     if isinstance(array, np.ndarray):

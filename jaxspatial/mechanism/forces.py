@@ -80,7 +80,7 @@ class AppliedForces:
             raise ValueError(f"AppliedForces: wrenches: expected {expected}, got shape {batch}")
         if self.points is not None:
             points = check.as_vectors(
-                self.points, "AppliedForces: points", self.wrenches.dtype, many=[str(len(frames))], held=True
+                self.points, "AppliedForces: points", self.wrenches.dtype, many=[str(len(frames))], keep_dtype=True
             )
             if points.shape[-2] != len(frames):
                 expected = f"(*batch, {len(frames)}, 3)"

@@ -122,8 +122,8 @@ class HeightField(Shape):
                 f"HeightField.from_image: levels: expected whole numbers without a sign, or floating point, got "
                 f"{image.dtype}; convert with .astype('uint8')"
             )
-        image = check.as_float_array(image, "HeightField.from_image: levels", dtype, held=True)
-        height = check.as_float_array(height, "HeightField.from_image: height", dtype, held=True)
+        image = check.as_float_array(image, "HeightField.from_image: levels", dtype, keep_dtype=True)
+        height = check.as_float_array(height, "HeightField.from_image: height", dtype, keep_dtype=True)
         return cls(height * image[::-1].T, size, placement)
 
     @classmethod

@@ -65,7 +65,9 @@ class LoopClosure:
         expected = "LoopClosure: distance: expected a number above 0"
         if self.distance is None:
             raise ValueError(f"{expected}, got None")
-        distance = check.owned(check.as_float_array(self.distance, "LoopClosure: distance", np.float64, held=True))
+        distance = check.owned(
+            check.as_float_array(self.distance, "LoopClosure: distance", np.float64, keep_dtype=True)
+        )
         if isinstance(distance, np.ndarray) and not (distance > 0).all():
             raise ValueError(f"{expected}, got {distance.tolist()}")
         object.__setattr__(self, "distance", distance)

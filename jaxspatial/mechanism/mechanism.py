@@ -148,7 +148,7 @@ class Mechanism:
               pole  <- hinge: revolute
         """
         topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", held=True)
+        arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", keep_dtype=True)
         require_in_range(topology, arrays, check.as_dtype(dtype))
         arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
         arrays["tendons"] = jax.tree.map(known, checked_tendons(tendons, topology, "Mechanism.build: tendons"))
@@ -577,7 +577,7 @@ def _replacement(name: str, old, new):
     def checked(a, b):
         if np.shape(a) != np.shape(b):
             raise ValueError(f"Mechanism.replace: {_unexpected_shape(name, np.shape(a), np.shape(b))}")
-        array = check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), held=True)
+        array = check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), keep_dtype=True)
         return array if isinstance(b, np.ndarray) else b
 
     return jax.tree.map(checked, old, new)

@@ -273,9 +273,9 @@ def check_shape(shape, least: dict[str, float] | None = None) -> None:
         if x is None:
             raise TypeError(f"{what}: {name}: expected numbers, got None")
         if shape._axes[name] == 1:
-            array = check.as_vectors(x, f"{what}: {name}", dtype, shape._lengths.get(name, 3), held=True)
+            array = check.as_vectors(x, f"{what}: {name}", dtype, shape._lengths.get(name, 3), keep_dtype=True)
         else:
-            array = check.as_float_array(x, f"{what}: {name}", dtype, held=True)
+            array = check.as_float_array(x, f"{what}: {name}", dtype, keep_dtype=True)
         lowest = (least or {}).get(name, 0)
         # NaN passes, and gives NaN.
         if isinstance(array, np.ndarray) and (array < lowest).any():
@@ -707,8 +707,8 @@ class HalfSpace(Shape):
         if all(map(check.is_tree_mark, (self.normal, self.offset))):
             return
         dtype = check.floating_dtype(self.normal, self.offset)
-        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, held=True)
-        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, held=True)
+        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, keep_dtype=True)
+        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, keep_dtype=True)
         check.require_same_dtype(normal=normal, offset=offset)
         check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
         if isinstance(normal, np.ndarray) and not normal.any(-1).all():

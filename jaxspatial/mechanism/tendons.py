@@ -76,7 +76,7 @@ class Tendon:
             x = getattr(self, field)
             if check.is_tree_mark(x):
                 continue
-            array = check.owned(check.as_float_array(x, f"Tendon: {field}", np.float64, held=True))
+            array = check.owned(check.as_float_array(x, f"Tendon: {field}", np.float64, keep_dtype=True))
             array = np.repeat(array, 2) if field == "rest" and array.ndim == 0 else array
             if array.shape != size:
                 raise ValueError(f"Tendon {self.name!r}: {field}: expected shape {size}, got {array.shape}")

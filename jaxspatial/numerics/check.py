@@ -107,10 +107,10 @@ def did_you_mean(name: object, names: Iterable[str], nearness: float = 0.6) -> s
     return f"; did you mean {by_small[near[0]]!r}?" if near else ""
 
 
-def as_float_array(x, name: str, dtype: DTypeLike | None = None, *, held: bool = False) -> jax.Array:
+def as_float_array(x, name: str, dtype: DTypeLike | None = None, *, keep_dtype: bool = False) -> jax.Array:
     """x as an array of floating point. Python numbers, lists of them, and NumPy's integers get the dtype `dtype`.
 
-    NumPy stays NumPy (known while tracing): with `held` in its own dtype, else in the one JAX computes in, see
+    NumPy stays NumPy (known while tracing): with `keep_dtype` in its own dtype, else in the one JAX computes in, see
     `narrowed`. JAX's arrays of integers are refused: where they come from, a dtype was meant.
     """
     # To all who compute, what stands for an array and those of NumPy are arrays, which no stub says.
@@ -124,7 +124,7 @@ def as_float_array(x, name: str, dtype: DTypeLike | None = None, *, held: bool =
             advice = f"; convert with .astype({meant!r})" if isinstance(x, ARRAYS) else "; write 1.0 for 1"
         raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{advice}")
     if isinstance(array, NUMPY):
-        if held:
+        if keep_dtype:
             return array
         # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
         return _in_jax_dtype(array) if isinstance(x, np.float64) else narrowed(array)
@@ -220,22 +220,22 @@ def as_vectors(
     size: int = 3,
     many: Sequence[str] = (),
     *,
-    held: bool = False,
+    keep_dtype: bool = False,
     otherwise: str = "",
 ) -> jax.Array:
     """x as an array of shape (*batch, size), or (*batch, n, size) with n named in `many`; see `as_float_array`.
 
     otherwise: the end of the message about another shape: what takes arrays of that one."""
-    array = as_float_array(x, name, dtype, held=True)
+    array = as_float_array(x, name, dtype, keep_dtype=True)
     if array.shape[-1:] != (size,) or array.ndim <= len(many):
         shape = ", ".join(("*batch", *many, str(size)))
         raise ValueError(f"{name}: expected shape ({shape}), got {array.shape}{otherwise}")
-    return array if held or isinstance(array, jax.Array) else narrowed(array)
+    return array if keep_dtype or isinstance(array, jax.Array) else narrowed(array)
 
 
 def as_matrices(m, name: str, n: int = 3) -> jax.Array:
     """Matrices (*batch, n, n) by their entries (*batch, n n)."""
-    array = as_vectors(m, name, size=n, many=[str(n)], held=True)
+    array = as_vectors(m, name, size=n, many=[str(n)], keep_dtype=True)
     if array.shape[-2] != n:
         raise ValueError(f"{name}: expected shape (*batch, {n}, {n}), got {array.shape}")
     return array.reshape((*array.shape[:-2], n * n))

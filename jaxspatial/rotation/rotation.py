@@ -104,7 +104,7 @@ class Rotation(Quantity):
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
         if not check.is_tree_mark(self.entries):
-            entries = check.as_vectors(self.entries, "Rotation: entries", size=9, held=True, otherwise=_MAKERS)
+            entries = check.as_vectors(self.entries, "Rotation: entries", size=9, keep_dtype=True, otherwise=_MAKERS)
             object.__setattr__(self, "entries", check.owned(entries))
 
     def __repr__(self) -> str:
@@ -682,7 +682,7 @@ def rotated(R_AB: Rotation, v_B: ArrayLike, *, precision: PrecisionName = None) 
 
     Error: as of `R_AB @ v_B`.
     """
-    v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype, held=is_identity(R_AB))
+    v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype, keep_dtype=is_identity(R_AB))
     check.require_same_dtype(Rotation=R_AB, v=v_B)
     return rotated_together(R_AB, v_B, precision=precision)[0]
 

@@ -97,7 +97,7 @@ class RigidTransform(Quantity):
         if all(map(check.is_tree_mark, self._vectors)):
             return
         require_kind(self.rotation, Rotation, "RigidTransform: rotation")
-        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, held=True)
+        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, keep_dtype=True)
         R, p = check.same_dtype(rotation=self.rotation, translation=p).values()
         batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
         entries, p = check.broadcast_batch(batch, R.entries, p)

@@ -103,7 +103,7 @@ class SpatialVector(Additive):
         if not all(map(check.is_tree_mark, parts.values())):
             maker = f"; of six numbers make one with {kind}.from_array"
             for name, x in parts.items():
-                parts[name] = check.owned(check.as_vectors(x, name, held=True, otherwise=maker))
+                parts[name] = check.owned(check.as_vectors(x, name, keep_dtype=True, otherwise=maker))
             parts = check.same_dtype(**parts)
             arrays = list(parts.values())
             if arrays[0].shape != arrays[-1].shape:
@@ -134,7 +134,7 @@ class SpatialVector(Additive):
             >>> js.SpatialForce.from_array([0.0, 0.0, 3.0, 1.0, 2.0, 0.0])
             SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
         """
-        array = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, held=True)
+        array = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, keep_dtype=True)
         return cls(array[..., :3], array[..., 3:])
 
     @property
