@@ -205,7 +205,7 @@ def _array_or_none(x, batch_shape: tuple[int, ...], n: int | None = None):
 
     None for Components that are known to be zero, so that no operation on them is left.
     """
-    if x is None or (components.is_components(x) and components.is_zero(x)):
+    if x is None or (isinstance(x, components.Components) and components.is_zero(x)):
         return None
     array = components.as_array(x, batch_shape)
     return array if n is None else array.reshape((*array.shape[:-2], 3 * n))

@@ -321,11 +321,11 @@ class ArticulatedInertia(Additive):
     def _act(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         """Rotated and shifted in one formula; errors as of the record ACT."""
         require_no_w(self, w, "act")
-        return self._with_vectors(_acted(precision, self._grouped, Pose(*X_AB._vectors)))
+        return self._with_vectors(_acted(precision, self._grouped, X_AB._pose))
 
     def _act_inverse(self, X_AB: RigidTransform, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w, "act_inverse")
-        return self._with_vectors(_acted_inverse(precision, self._grouped, Pose(*X_AB._vectors)))
+        return self._with_vectors(_acted_inverse(precision, self._grouped, X_AB._pose))
 
     def project_out(
         self, S_P_E: Motions, armature: ArrayLike = 0.0, *, precision: PrecisionName = None

@@ -19,7 +19,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.check import refuse, require_kind
 from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Motion, Pose, Summed, Vector, Wrench, cross
+from jaxspatial.numerics.linear import Motion, Summed, Vector, Wrench, cross
 from jaxspatial.numerics.numbers.components import Components, as_array, is_zero, zero
 from jaxspatial.numerics.numbers.double_word import DoubleWord, from_double_word, to_double_word
 from jaxspatial.numerics.numbers.rounded import is_known, quietly
@@ -322,13 +322,11 @@ class SpatialVector(Additive):
 
     def _act(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName) -> Self:
         rate = self._checked_w(w, "act")
-        return self._with_vectors(self._laws.act(precision, Pose(*X_AB._vectors), self._grouped, *rate.values()))
+        return self._with_vectors(self._laws.act(precision, X_AB._pose, self._grouped, *rate.values()))
 
     def _act_inverse(self, X_AB: "RigidTransform", w: ArrayLike | None, precision: PrecisionName) -> Self:
         rate = self._checked_w(w, "act_inverse")
-        return self._with_vectors(
-            self._laws.act_inverse(precision, Pose(*X_AB._vectors), self._grouped, *rate.values())
-        )
+        return self._with_vectors(self._laws.act_inverse(precision, X_AB._pose, self._grouped, *rate.values()))
 
     def _cross(self, V_P_E: "SpatialVelocity", precision: PrecisionName) -> Self:
         return self._with_vectors(self._laws.cross(precision, V_P_E._grouped, self._grouped))

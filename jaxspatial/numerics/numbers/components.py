@@ -8,7 +8,7 @@ import functools
 import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, NamedTuple, Self, TypeGuard
+from typing import Any, NamedTuple, Self
 
 import jax
 import jax.export
@@ -295,7 +295,7 @@ class Components(Arithmetic, check.StandIn):
         array = array if array.ndim else array.reshape((1,))
         if array.shape[-1] not in (1, n):
             raise ValueError(f"Components: other: expected shape (*batch, {n}) or (*batch, 1), got {array.shape}")
-        parts = (array if is_components(array) else self.of_array(array)).components
+        parts = (array if isinstance(array, Components) else self.of_array(array)).components
         return self.of(parts * n if len(parts) == 1 else parts)
 
     def __repr__(self) -> str:
@@ -330,13 +330,9 @@ jax.export.register_pytree_node_serialization(
 )
 
 
-def is_components(x: object) -> TypeGuard[Components]:
-    return isinstance(x, Components)
-
-
 def as_components(x) -> Components:
     """Any array (*batch, n) as Components: `of_array` for NumPy arrays, all data for others."""
-    return x if is_components(x) else Components.of_array(x)
+    return x if isinstance(x, Components) else Components.of_array(x)
 
 
 of = Components.of
@@ -344,7 +340,7 @@ of = Components.of
 
 def _checked(c, name: str, dtype) -> Any:
     """A component as it came: a Python number as a float, a NumPy scalar, an array or a DoubleWord."""
-    if is_components(c):
+    if isinstance(c, Components):
         raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
     if type(c) in (float, int):
         return float(c)
@@ -373,12 +369,14 @@ def from_components(x: object) -> Any:
         >>> js.from_components(F)
         SpatialForce(tau=[0.0, 0.0, 0.0], f=[1.0, 2.0, 0.0])
     """
-    return jax.tree.map(functools.partial(as_array, batch_shape=()), x, is_leaf=is_components)
+    return jax.tree.map(
+        functools.partial(as_array, batch_shape=()), x, is_leaf=lambda leaf: isinstance(leaf, Components)
+    )
 
 
 def as_array(x, batch_shape: tuple[int, ...]) -> Any:
     """Components as one array over a batch, of which known numbers have none; anything else as it is."""
-    return x.to_array(batch_shape) if is_components(x) else x
+    return x.to_array(batch_shape) if isinstance(x, Components) else x
 
 
 def zero(size: int, dtype: DTypeLike) -> Components:
@@ -400,7 +398,7 @@ def all_are_zero(arrays: Sequence) -> bool:
 
 def has_pairs(x) -> bool:
     """True for a DoubleWord, and for Components of which one is."""
-    return isinstance(x, DoubleWord) or (is_components(x) and any(isinstance(c, DoubleWord) for c in x.data))
+    return isinstance(x, DoubleWord) or (isinstance(x, Components) and any(isinstance(c, DoubleWord) for c in x.data))
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)

@@ -7,7 +7,6 @@ import dataclasses
 import fractions
 import functools
 import operator
-import typing
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
@@ -317,11 +316,13 @@ def to_double_word(x: object, dtype: DTypeLike | None = None) -> Any:
         [ 0.  0. -1.]
     """
     dtype = None if dtype is None else known_dtype(dtype)
-    return jax.tree.map(functools.partial(_as_double_word, dtype=dtype), x, is_leaf=_is_double_word)
+    return jax.tree.map(
+        functools.partial(_as_double_word, dtype=dtype), x, is_leaf=lambda leaf: isinstance(leaf, DoubleWord)
+    )
 
 
 def _as_double_word(leaf, dtype: DTypeLike | None):
-    if _is_double_word(leaf):
+    if isinstance(leaf, DoubleWord):
         return leaf if dtype is None else leaf.astype(dtype)
     if not is_floating(leaf):
         return leaf
@@ -355,21 +356,17 @@ def from_double_word(x: object, dtype: DTypeLike | None = None) -> Any:
         1.000001
     """
     dtype = None if dtype is None else known_dtype(dtype)
-    return jax.tree.map(functools.partial(_as_array, dtype=dtype), x, is_leaf=_is_double_word)
+    return jax.tree.map(functools.partial(_as_array, dtype=dtype), x, is_leaf=lambda leaf: isinstance(leaf, DoubleWord))
 
 
 def _as_array(leaf, dtype: np.dtype | None):
-    if not _is_double_word(leaf):
+    if not isinstance(leaf, DoubleWord):
         return leaf
     dtype = leaf.dtype if dtype is None else dtype
     if not pairs.holds(dtype, leaf.dtype):
         raise ValueError(f"from_double_word: dtype: expected one that holds {leaf.dtype}, got {dtype}; see astype")
     hi, lo = (lax.convert_element_type(limb, dtype) for limb in leaf.limbs)
     return hi + lo
-
-
-def _is_double_word(x: object) -> typing.TypeGuard[DoubleWord]:
-    return isinstance(x, DoubleWord)
 
 
 # -- numbers from outside of JAX ---------------------------------------------------------------------------------------

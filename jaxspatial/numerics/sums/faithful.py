@@ -186,25 +186,18 @@ def _padded(states: Sequence[State | None]) -> list[State]:
 
 
 def _over_batch(state: State, axes: Sequence[int]) -> OverBatch:
-    numbers, unit = _in_one_unit(state, axes)
-    return certified.over_batch(numbers, lambda x: _unscaled(x, unit))
-
-
-def _in_one_unit(state: State, axes: Sequence[int]) -> tuple[list[Array], Array | None]:
-    """(numbers in increasing order, unit): states to be summed along axes, with one unit for all of a sum.
-
-    Scaled where an item is, or is so large that the sum might overflow on the way. Of an item that is not finite the
-    plain sum is taken.
-    """
-    *others, largest = state.expansion
-    lost = jnp.isnan(functools.reduce(operator.add, state.expansion))
-    if state.unit is None:
-        return [*_masked(~lost, others), lax.select(lost, state.plain, largest)], None
-    any_scaled = jnp.any(_is_large(largest) | (state.unit != 1), axes, keepdims=True)
-    unit = lax.select(any_scaled, *(lax.full(any_scaled.shape, x, state.unit.dtype) for x in (_SCALE, 1.0)))
-    change = lax.select(state.unit == unit, lax.full_like(state.unit, 1), jnp.broadcast_to(unit, state.unit.shape))
-    scaled = [(x * change) * change for x in (*others, largest)]
-    return [*_masked(~lost, scaled[:-1]), lax.select(lost, (state.plain * unit) * unit, scaled[-1])], unit
+    """With one unit for all items of a sum: scaled where an item is, or is so large that the sum might overflow on the
+    way. Of an item that is not finite the plain sum is taken."""
+    numbers, plain, unit = state.expansion, state.plain, None
+    lost = jnp.isnan(functools.reduce(operator.add, numbers))
+    if state.unit is not None:
+        any_scaled = jnp.any(_is_large(numbers[-1]) | (state.unit != 1), axes, keepdims=True)
+        unit = lax.select(any_scaled, *(lax.full(any_scaled.shape, x, state.unit.dtype) for x in (_SCALE, 1.0)))
+        change = lax.select(state.unit == unit, lax.full_like(state.unit, 1), jnp.broadcast_to(unit, state.unit.shape))
+        numbers, plain = [(x * change) * change for x in numbers], (plain * unit) * unit
+    *others, largest = numbers
+    increasing = [*_masked(~lost, others), lax.select(lost, plain, largest)]
+    return certified.over_batch(increasing, lambda x: _unscaled(x, unit))
 
 
 def _round(state: State, dtype: DTypeLike) -> Array:

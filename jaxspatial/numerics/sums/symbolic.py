@@ -83,14 +83,10 @@ def _evaluated(plan: Plan, data: _Data, results: Sequence) -> list:
     """What a formula returned, as arrays or double words; everything that is not a quotient in one plan."""
     # With axes of size 1 in front: what is shared by a batch stays one item, whose cotangents are summed once.
     arrays = [jnp.reshape(x, (1,) * (len(plan.batch) + 1 - x.ndim) + x.shape) for x in data.arrays]
-    quotients = [x for x in results if _is_quotient(x)]
-    plain = iter(_bound(plan, arrays, [x for x in results if not _is_quotient(x)]))
-    divided = iter([_divided(plan, arrays, x) for x in quotients])
-    return [next(divided) if _is_quotient(x) else next(plain) for x in results]
-
-
-def _is_quotient(x) -> bool:
-    return isinstance(_components(x)[0], Quotient)
+    are_quotients = [isinstance(_components(x)[0], Quotient) for x in results]
+    plain = iter(_bound(plan, arrays, [x for x, yes in zip(results, are_quotients, strict=True) if not yes]))
+    divided = iter([_divided(plan, arrays, x) for x, yes in zip(results, are_quotients, strict=True) if yes])
+    return [next(divided if yes else plain) for yes in are_quotients]
 
 
 def _components(x) -> Sequence:
