@@ -338,7 +338,10 @@ def _poses(mech: Mechanism, q: np.ndarray, names: Sequence[str]) -> tuple[np.nda
 
 
 def _add_plane(add: Any, normal: np.ndarray, offset: float, size: float) -> None:
-    place: Any = {"wxyz": _from_z(normal), "position": normal * offset}
+    # The quaternion that turns z to the normal, the short way.
+    x, y, z = normal
+    wxyz = np.array([0.0, 1.0, 0.0, 0.0] if z < -1 + 1e-12 else [1 + z, -y, x, 0.0])
+    place: Any = {"wxyz": wxyz / np.linalg.norm(wxyz), "position": normal * offset}
     edge = _GROUND * size
     add.add_grid("/ground", width=edge, height=edge, cell_size=_CELL * size, section_size=size, **place)
 
@@ -386,12 +389,3 @@ class _Arrows:
             handle.visible = bool(has_size.any())
             if handle.visible:
                 handle.points = self.ends[i][has_size]
-
-
-def _from_z(d: np.ndarray) -> np.ndarray:
-    """The quaternion that turns z to a unit vector, the short way."""
-    x, y, z = d
-    if z < -1 + 1e-12:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    wxyz = np.array([1 + z, -y, x, 0.0])
-    return wxyz / np.linalg.norm(wxyz)

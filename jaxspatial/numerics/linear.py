@@ -94,13 +94,13 @@ class Vector(Entrywise, _Three):
     __slots__ = ()
 
 
-class _Rows(NamedTuple):
+class _ThreeRows(NamedTuple):
     x: Vector
     y: Vector
     z: Vector
 
 
-class Matrix(Partwise, _Rows):
+class Matrix(Partwise, _ThreeRows):
     """A 3 x 3 matrix by its rows."""
 
     __slots__ = ()
