@@ -259,7 +259,7 @@ def mechanism(
     """
     ax, X_WJ = _axes("plot.mechanism", ax), _joints("plot.mechanism", mech, q)
     solid = None
-    frames = None if frames is None else check.as_names(frames, "plot.mechanism: frames")
+    frames = None if frames is None else check.as_tuple(frames, str, "plot.mechanism: frames", "names")
     X_WF = _frames(mech, X_WJ)
     if shapes is not None:
         solid = _solids(ax, mech, q, meshes("plot.mechanism", mech, shapes))

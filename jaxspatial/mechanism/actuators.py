@@ -93,11 +93,13 @@ class Actuators(OfOneDtype):
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        names = check.as_names(self.names, "Actuators: names")
+        names = check.as_tuple(self.names, str, "Actuators: names", "names")
         joints = [(name,) for name in names] if self.joints is None else self.joints
         if isinstance(joints, str) or not isinstance(joints, Iterable):
             raise TypeError(f"Actuators: joints: expected a sequence of names, or of sequences of them, got {joints!r}")
-        joints = tuple((x,) if isinstance(x, str) else check.as_names(x, "Actuators: joints") for x in joints)
+        joints = tuple(
+            (x,) if isinstance(x, str) else check.as_tuple(x, str, "Actuators: joints", "names") for x in joints
+        )
         if len(joints) != len(names) or not all(joints):
             raise ValueError(f"Actuators: joints: expected one or more for each of {len(names)} names, got {joints}")
         object.__setattr__(self, "names", names)

@@ -72,7 +72,7 @@ class PointContacts(OfOneDtype):
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        frames = check.as_names(self.frames, "PointContacts: frames")
+        frames = check.as_tuple(self.frames, str, "PointContacts: frames", "names")
         object.__setattr__(self, "frames", frames)
         given = {name: getattr(self, name) for name in ("positions", *_PARAMETERS)}
         if all(map(check.is_tree_mark, given.values())):

@@ -66,7 +66,7 @@ class AppliedForces:
 
     def __post_init__(self) -> None:
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        frames = check.as_names(self.frames, "AppliedForces: frames")
+        frames = check.as_tuple(self.frames, str, "AppliedForces: frames", "names")
         object.__setattr__(self, "frames", frames)
         if self.axes not in get_args(Axes):
             raise ValueError(f"AppliedForces: axes: expected 'world' or 'frame', got {self.axes!r}")

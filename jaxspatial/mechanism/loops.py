@@ -1,6 +1,5 @@
 """Loop closures: what holds two frames of a mechanism together, beside the joints of its tree."""
 
-from collections.abc import Iterable
 from typing import TYPE_CHECKING, Literal, get_args
 
 import jax
@@ -85,9 +84,7 @@ class LoopClosure:
 
 def checked_loops(loops, topology: Topology, what: str) -> tuple[LoopClosure, ...]:
     """A sequence of closures between frames that there are, as a tuple."""
-    closures = tuple(loops) if isinstance(loops, Iterable) else None
-    if closures is None or not all(isinstance(loop, LoopClosure) for loop in closures):
-        raise TypeError(f"{what}: expected a sequence of LoopClosures, got {loops!r}")
+    closures = check.as_tuple(loops, LoopClosure, what, "LoopClosures")
     frames = tuple(name for name, _ in topology.frames)
     for name in (name for loop in closures for name in (loop.frame_a, loop.frame_b)):
         topology.index(frames, name, what)

@@ -67,7 +67,7 @@ class ShapeContacts(OfOneDtype):
         ): ...
 
     def __post_init__(self) -> None:
-        frames = check.as_names(self.frames, "ShapeContacts: frames")
+        frames = check.as_tuple(self.frames, str, "ShapeContacts: frames", "names")
         object.__setattr__(self, "frames", frames)
         given = {name: getattr(self, name) for name in _LAW}
         if all(map(check.is_tree_mark, (*given.values(), *jax.tree.leaves(self.shape)))):

@@ -71,7 +71,7 @@ class Tendon:
         ): ...
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", check.as_names(self.joints, "Tendon: joints"))
+        object.__setattr__(self, "joints", check.as_tuple(self.joints, str, "Tendon: joints", "names"))
         for field, size in leaf_shapes(self).items():
             x = getattr(self, field)
             if check.is_tree_mark(x):
@@ -94,9 +94,7 @@ def leaf_shapes(tendon: Tendon) -> dict[str, tuple[int, ...]]:
 
 def checked_tendons(tendons, topology: Topology, what: str) -> tuple[Tendon, ...]:
     """A sequence of tendons over joints of one coordinate, as a tuple."""
-    found = tuple(tendons) if isinstance(tendons, Iterable) else None
-    if found is None or not all(isinstance(x, Tendon) for x in found):
-        raise TypeError(f"{what}: expected a sequence of Tendons, got {tendons!r}")
+    found = check.as_tuple(tendons, Tendon, what, "Tendons")
     for tendon in found:
         for name in tendon.joints:
             kind = topology.kind(topology.index(topology.joint_names, name, f"{what}: Tendon {tendon.name!r}: joints"))

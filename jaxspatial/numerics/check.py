@@ -20,6 +20,7 @@ finfo: Any = jnp.finfo
 _dtype_of = operator.attrgetter("dtype")
 
 _Tree = TypeVar("_Tree")
+_Item = TypeVar("_Item")
 _Shape = tuple[int, ...]
 _FLOATS = "float16, bfloat16, float32 or float64"
 _NARROWED = (
@@ -92,11 +93,11 @@ def shown(x, n: int) -> str:
     return f"[{'; '.join(', '.join(numbers[i : i + n]) for i in range(0, len(numbers), n))}]"
 
 
-def as_names(names, what: str) -> tuple[str, ...]:
-    """A sequence of texts as a tuple."""
-    found = tuple(names) if isinstance(names, Iterable) and not isinstance(names, str) else None
-    if found is None or not all(isinstance(name, str) for name in found):
-        raise TypeError(f"{what}: expected a sequence of names, got {names!r}")
+def as_tuple(items, kind: type[_Item], what: str, words: str) -> tuple[_Item, ...]:
+    """A sequence of items of one kind as a tuple. words: for these, in the message."""
+    found = tuple(items) if isinstance(items, Iterable) and not isinstance(items, str) else None
+    if found is None or not all(isinstance(item, kind) for item in found):
+        raise TypeError(f"{what}: expected a sequence of {words}, got {items!r}")
     return found
 
 
