@@ -620,19 +620,17 @@ def _joints(operation: str, mech: Any, q: Any) -> _Poses:
     if mech.placements.batch_shape != (n,):
         raise ValueError(f"{operation}: expected one mechanism, got a batch: jax.tree.map(lambda x: x[i], mech)")
     _one(f"{operation}: q", "q", q, mech.nq)
-    # In the dtype that JAX computes in: a picture needs no digits.
-    x = np.asarray(q)
-    X_WB = _poses(forward_kinematics(mech, x.astype(jax.dtypes.canonicalize_dtype(x.dtype)), precision="fast"))
-    X_JB = _poses(mech.child_placements)
+    X_WB, X_JB = _state_poses(mech, q, None), _poses(mech.child_placements)
     R_WJ = X_WB.R @ X_JB.R.swapaxes(-1, -2)
     return _Poses(R_WJ, X_WB.p - np.einsum("nij,nj->ni", R_WJ, X_JB.p))
 
 
-def _state_poses(mech: Mechanism, q: Any, names: Sequence[str]) -> _Poses:
-    """X_WF of named frames in one state."""
+def _state_poses(mech: Mechanism, q: Any, names: Sequence[str] | None) -> _Poses:
+    """X_WF of named frames in one state, None for all bodies."""
+    # In the dtype that JAX computes in: a picture needs no digits.
     x = np.asarray(q)
     x = x.astype(jax.dtypes.canonicalize_dtype(x.dtype))
-    return _poses(forward_kinematics(mech, x, list(names), precision="fast"))
+    return _poses(forward_kinematics(mech, x, names, precision="fast"))
 
 
 def _frames(mech: Mechanism, X_WJ: _Poses) -> _Poses:
