@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Self
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.inertia import parameters
@@ -31,7 +30,7 @@ from jaxspatial.numerics.linear import (
     skew,
 )
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, high, noinline, noinline_pairs, where
-from jaxspatial.numerics.numbers.double_word import DoubleWord, from_double_word, to_double_word
+from jaxspatial.numerics.numbers.double_word import from_double_word
 from jaxspatial.numerics.promise import Promise, promises
 from jaxspatial.numerics.quantity import Additive, rebuilt, require_compatible, tree
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -45,7 +44,7 @@ from jaxspatial.spatial import (
     rotate,
     shift,
 )
-from jaxspatial.spatial.vectors import offset, part_by_part, require_no_w
+from jaxspatial.spatial.vectors import offset, part_by_part, require_no_w, side_by_side
 
 TIMES, SHIFT, ROTATED, ACT = Promise(4, 8), Promise(8, 32), Promise(6, 64), Promise(16, 128)
 # What is left of an articulated inertia beyond a joint: per mag_D / D.
@@ -163,15 +162,14 @@ class ArticulatedInertia(Additive):
     def to_matrix(self) -> jax.Array:
         """The matrix (*batch, 6, 6) [[J, F], [F^T, M]]: symmetric, rotational on top. Exact.
 
+        As NumPy where JAX would narrow it.
+
         Example:
             >>> P = js.ArticulatedInertia.from_matrix(np.eye(6, dtype=np.float32))
             >>> print(P.to_matrix()[3])
             [0. 0. 0. 1. 0. 0.]
         """
-        parts = self._vectors
-        parts = to_double_word(parts) if any(isinstance(x, DoubleWord) for x in parts) else parts
-        entries = jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *parts)
-        return entries[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
+        return side_by_side(*self._vectors)[..., _TO_MATRIX].reshape((*self.batch_shape, 6, 6))
 
     def is_physically_valid(self, tolerance: float | None = None) -> jax.Array:
         """Whether no eigenvalue is below -tolerance times the size of the matrix; NaN is never valid.

@@ -83,6 +83,8 @@ def test_digits_survive_wherever_nothing_is_computed(x64):
     np.testing.assert_array_equal(F.get_maximum_absolute_differences(js.SpatialForce.zero(dtype=np.float64))[0], FAR[0])
     R = js.Rotation.from_matrix(np.array([[0.6, -0.8, 0], [0.8, 0.6, 0], [0, 0, 1.0]]))
     assert R.to_matrix()[0, 0] == 0.6 and R.inverse().to_matrix()[0, 1] == 0.8
+    P = js.ArticulatedInertia(np.diag(FAR), np.zeros((3, 3)), np.eye(3))
+    assert float(P.to_matrix()[0, 0]) == 1e8 + 1
 
 
 NARROWING = {
