@@ -82,14 +82,13 @@ class Bound(NamedTuple):
 
 
 CLAIMS = (
-    Claim(MJX, CONVEX, least=5.0, robots=("solo12",)),
-    Claim(MJX_STAIRS, STAIRS, least=5.0, robots=ON_STAIRS),
+    Claim(MJX, CONVEX, least=50.0, robots=("solo12",)),
+    Claim(MJX_STAIRS, STAIRS, least=100.0, robots=ON_STAIRS),
     Claim(GRADIENT, ROLLOUT, most=4.5),
-    Bound(CONVEX, 6, ("solo12",)),
-    Bound(CONVEX, 9, ("go1", "go2")),
-    Bound(ONE, 35),
-    Bound(CONVEX, 8, of_compiling=True),
-    Bound(GRADIENT, 15, of_compiling=True),
+    Bound(CONVEX, 2),
+    Bound(ONE, 12),
+    Bound(CONVEX, 4, of_compiling=True),
+    Bound(GRADIENT, 10, of_compiling=True),
 )
 
 

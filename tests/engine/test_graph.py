@@ -183,11 +183,20 @@ def test_a_loop_is_kept_where_it_is_long():
     def f(x, y):
         return lax.scan(lambda c, row: (barrier.fixed_sum(c, row), None), y, x)[0]
 
-    long, short = graph.MOST_UNROLLED + 1, 10
-    g = of_state(f, (long, 1), (1,))
-    assert len(g.loops) == 1 and counted(g) == {"add": 1}
-    g = of_state(f, (short, 1), (1,))
-    assert len(g.loops) == 0 and counted(g) == {"add": short}
+    for length in (graph.MOST_UNROLLED + 1, graph.MOST_OF_MANY + 1):
+        g = of_state(f, (length, 1), (1,))
+        assert len(g.loops) == 1 and counted(g) == {"add": 1}
+    g = of_state(f, (10, 1), (1,))
+    assert len(g.loops) == 0 and counted(g) == {"add": 10}
+
+
+def test_a_loop_that_does_the_same_in_each_turn_is_kept():
+    def turn(_, c):
+        for _ in range(graph.MOST_REPEATED // 10):
+            c = barrier.product(c, c)
+        return c
+
+    assert [len(of_state(lambda x, n=n: lax.fori_loop(0, n, turn, x), (1,)).loops) for n in (5, 20)] == [0, 1]
 
 
 def test_known_integers_split_a_loop():
