@@ -106,8 +106,8 @@ def test_first_steps_run(capsys, tmp_path, monkeypatch):
 
 
 TIMES = {
-    "dynamics.md": [("forward dynamics | 1 ", 2, 15), ("forward dynamics | 1 ", 3, 6.3)]
-    + [("forward dynamics | 4096 ", 2, 0.047), ("forward dynamics | 4096 ", 3, 1.8)],
+    "dynamics.md": [("forward dynamics | 1 ", 2, 13), ("forward dynamics | 1 ", 3, 4.8)]
+    + [("forward dynamics | 4096 ", 2, 0.049), ("forward dynamics | 4096 ", 3, 1.9)],
     "contact.md": [("convex_step ", 1, 1.2), ("mjx.step ", 1, 80)],
 }
 
