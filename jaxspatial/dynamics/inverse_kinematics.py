@@ -71,8 +71,8 @@ def inverse_kinematics(
     Steps may get stuck, at a limit or at a least distance that is not zero. With a key, `starts` says from how many
     configurations to go: q first, then random ones. From one random start about half of the poses that an arm of seven
     joints can reach are solved, from 30 nearly all. `is_solved` says which, and of the others q is the one with the
-    least error of all steps. Of a batch each state takes the steps that it needs. All take their steps from one
-    start before any begins at the next.
+    least error of all steps. Of a batch each state takes the steps that it needs; all end with one start before any
+    begins at the next.
 
     Distances count in units of a length of the robot, the ratio of the parts of its Jacobian, so that its size does not
     matter. The derivative of q by targets and by numbers of the mechanism is that of the smallest motion that follows
@@ -300,25 +300,25 @@ def _approach(
     (mechanism,) = scene
     task = _Task(mechanism, names, flat, precision.value)
 
-    def nearer(best: _Best, q, error: SpatialVelocity, steps) -> _Best:
+    def nearer(best: _Best, q, error: SpatialVelocity) -> _Best:
         found = _size(error, angle, distance)[None]
         is_better = (found < best.size) & ~(best.size <= 1)
-        taken = best.iterations + steps
-        return _Best(jnp.where(is_better, q, best.q), jnp.where(is_better, found, best.size), taken)
+        return best._replace(q=jnp.where(is_better, q, best.q), size=jnp.where(is_better, found, best.size))
 
     def stepped(state: _State) -> _State:
         q = task.moved(state.q, task.step(state.q, state.error))
         error = task.error(q)
-        return _State(q, error, nearer(state.best, q, error, 1), state.steps + 1)
+        return _State(q, error, nearer(state.best, q, error), state.steps + 1)
 
     # A step of length 0 normalises quaternions.
     q = task.moved(q, np.zeros(mechanism.nv, q.dtype))
     error = task.error(q)
     if before is None:
         before = _Best(q, jnp.full(1, np.inf, q.dtype), jnp.zeros(1, np.int32))
-    start = _State(q, error, nearer(before, q, error, 0), jnp.zeros(1, np.int32))
+    start = _State(q, error, nearer(before, q, error), jnp.zeros(1, np.int32))
 
     def goes_on(state: _State) -> jax.Array:
         return (~(state.best.size <= 1) & (state.steps < iterations))[0]
 
-    return lax.while_loop(goes_on, stepped, start).best
+    end = lax.while_loop(goes_on, stepped, start)
+    return end.best._replace(iterations=before.iterations + end.steps)
