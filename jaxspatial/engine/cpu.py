@@ -71,8 +71,8 @@ LINE = 64
 # Of code that is split at a loop. TOGETHER: bytes of memory of the blocks that are computed together. FEW: the share of
 # the states of a block at which those that go on are brought together with others. FEW_TOGETHER: the share at which
 # others take the places of those that are done. A step of solo12 on the ground takes 1.1 us with these numbers, and no
-# less with others; 2.0 where all states of a block wait for the last one. Of 16 states that one takes 6.7 iterations,
-# where a state takes 2.3.
+# less with others; it takes 2.0 us where all states of a block wait for the last one. A state takes 2.3 iterations in
+# the mean, the last of 16 takes 6.7.
 TOGETHER = 1 << 20
 FEW, FEW_TOGETHER = 0.5, 0.75
 FEW_COLUMNS = 4  # that are made of all rows of a block at once

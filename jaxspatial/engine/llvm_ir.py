@@ -51,11 +51,12 @@ class Written(NamedTuple):
     """The IR of a graph. It defines `@block(ptr %arguments, ptr %results, ptr %frame)`: for W states, with pointers to
     their numbers (n, W), or (n,) of arguments that all states share, and frame_bytes of scratch memory.
 
-    is_split: whether it also defines `@before`, `@turns` and `@after`, with the same parameters, which do the same one
-    after the other. `@turns` takes two more: it ends where at most `few` of the `states`, a set of bits, go on, and
-    returns these. It can be called again, and `@lent(ptr %arguments, ptr %frame, i64 %states, ptr %of_arguments,
-    ptr %of_frame, i64 %of_states)` copies what turns read of a set of states, in this order, to the places of as many
-    others, with other memory; `@returned`, with the same parameters, copies what they change.
+    is_split: whether the same is also there in three functions, which are called one after the other: `@before`,
+    `@turns` and `@after`. They have the parameters of `@block`. `@turns` has two more, `states` and `few`: it ends as
+    soon as at most `few` of the `states` go on, and returns these. Sets of states have a bit for each. `@turns` may be
+    called again, and in between states may move to other memory: `@lent(ptr %arguments, ptr %frame, i64 %states,
+    ptr %of_arguments, ptr %of_frame, i64 %of_states)` copies what turns read of `of_states` to the places `states`, as
+    many, in the same order. `@returned`, with the same parameters, copies what turns change.
     """
 
     text: str
@@ -73,9 +74,7 @@ def written(
     without, the error of a product has the same bits, and takes more steps. has_compress: whether it brings some
     numbers of a vector together in one step.
     """
-    writer = Writer(graph, width, is_shared, has_fma)
-    writer.has_compress = has_compress
-    return writer.written()
+    return Writer(graph, width, is_shared, has_fma, has_compress).written()
 
 
 # -- which operations are needed, and in which order -------------------------------------------------------------------
@@ -347,10 +346,16 @@ class Writer:
     frame = "ptr %frame"
 
     def __init__(
-        self, graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool, n_registers: int = N_REGISTERS
+        self,
+        graph: Graph,
+        width: int,
+        is_shared: Sequence[bool],
+        has_fma: bool,
+        has_compress: bool = False,
+        n_registers: int = N_REGISTERS,
     ):
         self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph, n_registers)
-        self.has_fma, self.has_compress, self.longest = has_fma, False, LONGEST
+        self.has_fma, self.has_compress, self.longest = has_fma, has_compress, LONGEST
         self.declared, self.globals = set[str](), dict[str, str]()
         self.types, self.literals = dict[str, str](), dict[int, str]()
         self.templates: dict[tuple[str, str, str, bool], str] = {}
@@ -942,7 +947,7 @@ class Writer:
     # -- a program that is split at a loop ----------------------------------------------------------------------------
 
     def _may_split(self, k: int) -> bool:
-        """Whether a loop goes on for some states and not for others, and is worth it to bring these together."""
+        """Whether a loop may go on for some states and not for others, and is long enough to bring these together."""
         loop = self.g.loops[k]
         is_own = loop.length is None and not loop.is_branch and self.g.parents[loop.region] == 0
         return self.width > 1 and is_own and self.order.size((k,)) >= LEAST_SPLIT
@@ -1012,11 +1017,12 @@ class Writer:
         return None, self.slots[node], dtype
 
     def _copy(self, name: str, places: Iterable[Place]) -> Function:
-        """A function that copies numbers of some states, as `lent` does: first together, then apart again.
+        """A function that copies numbers of some states, as `lent` does, in a loop over a table of their places.
 
-        Numbers that begin at many places are copied in a loop over a table of these. They are brought together in a
-        register and not in memory where there is an instruction for it, as that for memory is slow on some processors;
-        but LLVM 22 stores vectors that it splits where they are not aligned.
+        It stores the numbers of these states side by side in memory, and loads them from there to their new places.
+        With `has_compress` a register is packed before it is stored, because some processors are slow to pack into
+        memory. Vectors that are longer than a register are packed into memory all the same: LLVM 22 would split them,
+        and store the second half as if it were aligned.
         """
         f, mask, bits = Function(name, ()), self.type(BOOL), f"i{self.width}"
         f.parameters = ["ptr noalias %arguments", "ptr noalias %frame", "i64 %states"]
