@@ -133,15 +133,19 @@ class Traced:
         jaxpr, _ = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
+        self.may_fuse = program.may_fuse
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         with jax.enable_x64(True):
-            return jaxpr_as_fun(xla.with_own_factors(self.closed))(*arrays)
+            return jaxpr_as_fun(self._for_xla())(*arrays)
 
     def in_parts(self, *arrays: jax.Array) -> list[jax.Array]:
         """The same, as XLA compiles it soonest for CPUs: see `xla.in_parts`."""
         with jax.enable_x64(True):
-            return xla.in_parts(xla.with_own_factors(self.closed), arrays)
+            return xla.in_parts(self._for_xla(), arrays)
+
+    def _for_xla(self) -> ClosedJaxpr:
+        return xla.rounded_as_in_graphs(self.closed, may_fuse=self.may_fuse)
 
     def selected(self, wanted: Sequence[bool]) -> "Traced":
         """The trace of these results alone."""
@@ -149,6 +153,7 @@ class Traced:
         selection = object.__new__(Traced)
         selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
         selection.out_avals = list(itertools.compress(self.out_avals, wanted))
+        selection.may_fuse = self.may_fuse
         return selection
 
 

@@ -4,7 +4,8 @@ Results keep the bits of that code, and XLA takes seconds where it would take mi
 """
 
 import functools
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
@@ -56,30 +57,69 @@ def _with_parts(eqn):
     return eqn.replace(params={**eqn.params, **parted})
 
 
-# -- factors of matrices -----------------------------------------------------------------------------------------------
+# -- rounding ----------------------------------------------------------------------------------------------------------
 
 
-def with_own_factors(closed: ClosedJaxpr) -> ClosedJaxpr:
-    """A trace in which Cholesky's method and substitution are loops, rounded as `graph` has them.
+def rounded_as_in_graphs(closed: ClosedJaxpr, *, may_fuse: bool) -> ClosedJaxpr:
+    """A trace whose results have the bits that `graph` gives them.
 
-    The libraries that XLA calls for both round in another order, which differs between machines.
+    Products of matrices, Cholesky's method, substitution and sums become loops: XLA, and the libraries that it calls,
+    round them in another order, which differs between machines. Products and quotients are rounded one by one,
+    unless the program may fuse them with sums.
     """
-    eqns = [_with_own_factors(eqn) for eqn in closed.jaxpr.eqns]
+    own = _LOOPS if may_fuse else {**_LOOPS, **_ELEMENTWISE}
+    eqns = [_rounded(eqn, own, may_fuse) for eqn in closed.jaxpr.eqns]
     if all(a is b for a, b in zip(eqns, closed.jaxpr.eqns, strict=True)):
         return closed
     unnamed = closed.jaxpr.debug_info.with_unknown_names()
     return ClosedJaxpr(closed.jaxpr.replace(eqns=eqns, debug_info=unnamed), closed.consts)
 
 
-def _with_own_factors(eqn):
-    """An operation, or a call of the loop in its place; the same object where nothing changes."""
-    if eqn.primitive.name in _LOOPS:
-        loop = functools.partial(_LOOPS[eqn.primitive.name], **eqn.params)
-        (call,) = jax.make_jaxpr(jax.jit(loop))(*(x.aval for x in eqn.invars)).eqns
+def _rounded(eqn, own: dict[str, Callable], may_fuse: bool):
+    """An operation, or a call of what stands for it; the same object where nothing changes."""
+    name = eqn.primitive.name
+    if name in own and eqn.outvars[0].aval.dtype.kind == "f":
+        instead = jax.jit(functools.partial(own[name], **eqn.params))
+        (call,) = jax.make_jaxpr(instead)(*(x.aval for x in eqn.invars)).eqns
         return call.replace(invars=eqn.invars, outvars=eqn.outvars)
-    params = jax.tree.map(lambda x: with_own_factors(x) if isinstance(x, ClosedJaxpr) else x, eqn.params)
+
+    def within(x):
+        return rounded_as_in_graphs(x, may_fuse=may_fuse) if isinstance(x, ClosedJaxpr) else x
+
+    params = jax.tree.map(within, eqn.params)
     both = zip(jax.tree.leaves(params), jax.tree.leaves(eqn.params), strict=True)
     return eqn if all(a is b for a, b in both) else eqn.replace(params=params)
+
+
+def _dot_general(x: jax.Array, y: jax.Array, *, dimension_numbers, **_) -> jax.Array:
+    (terms_x, terms_y), (batches_x, batches_y) = dimension_numbers
+
+    def factors(x: jax.Array, terms: Sequence[int], batches: Sequence[int]) -> tuple[jax.Array, tuple[int, ...]]:
+        """(terms, batches, what is left), and the shape of the last two."""
+        first = len(terms) + len(batches)
+        x = jnp.moveaxis(x, (*terms, *batches), range(first))
+        common, rest = x.shape[len(terms) : first], x.shape[first:]
+        return x.reshape((math.prod(x.shape[: len(terms)]), *common, math.prod(rest))), (common, rest)
+
+    (a, (common, of_x)), (b, (_, of_y)) = factors(x, terms_x, batches_x), factors(y, terms_y, batches_y)
+
+    def term(k: jax.Array | int) -> jax.Array:
+        row, column = (lax.dynamic_index_in_dim(f, k, keepdims=False) for f in (a, b))
+        return barrier.product(row[..., :, None], column[..., None, :])
+
+    return _total(term, len(a)).reshape((*common, *of_x, *of_y))
+
+
+def _reduce_sum(x: jax.Array, *, axes, **_) -> jax.Array:
+    shape = [n for k, n in enumerate(x.shape) if k not in axes]
+    rows = jnp.moveaxis(x, axes, range(len(axes))).reshape((-1, *shape))
+    return _total(lambda k: lax.dynamic_index_in_dim(rows, k, keepdims=False), len(rows))
+
+
+def _total(term: Callable, n: int) -> jax.Array:
+    """The sum of n terms, one by one, from 0 on where there are several."""
+    first = term(0)
+    return first if n == 1 else lax.fori_loop(0, n, lambda k, total: total + term(k), jnp.zeros_like(first))
 
 
 def _cholesky(A: jax.Array, **_) -> jax.Array:
@@ -117,4 +157,19 @@ def _triangular_solve(a: jax.Array, b: jax.Array, **how) -> jax.Array:
     return x if how["left_side"] else x.mT
 
 
-_LOOPS = {"cholesky": _cholesky, "triangular_solve": _triangular_solve}
+def _square(x: jax.Array, *, y: int = 2, **_) -> jax.Array:
+    return barrier.product(x, x) if y == 2 else lax.integer_pow(x, y)
+
+
+_LOOPS: dict[str, Callable] = {
+    "cholesky": _cholesky,
+    "dot_general": _dot_general,
+    "reduce_sum": _reduce_sum,
+    "triangular_solve": _triangular_solve,
+}
+_ELEMENTWISE: dict[str, Callable] = {
+    "div": lambda a, b, **_: barrier.quotient(*jnp.broadcast_arrays(a, b)),
+    "integer_pow": _square,
+    "mul": lambda a, b, **_: barrier.product(*jnp.broadcast_arrays(a, b)),
+    "square": _square,
+}

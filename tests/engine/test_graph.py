@@ -14,7 +14,7 @@ from jaxspatial.engine import cpu, graph, llvm_ir, program, xla
 from jaxspatial.numerics.errorfree import barrier, transforms
 from jaxspatial.numerics.jax_internals import jaxpr_as_fun
 from tests.helpers import graphs
-from tests.helpers.graphs import assert_same_bits, graph_of, with_numpy, with_xla
+from tests.helpers.graphs import assert_same_bits, fused, graph_of, with_numpy, with_xla
 from tests.helpers.marks import slow
 
 F32, F64, I32, U32, I64, BOOL = np.float32, np.float64, np.int32, np.uint32, np.int64, np.bool_
@@ -356,19 +356,43 @@ def test_a_program_without_a_graph_takes_the_way_of_xla(f, is_native):
     np.testing.assert_allclose(lowered.compile()(x)[0], f(x), rtol=1e-6)
 
 
-# -- factors of matrices -----------------------------------------------------------------------------------------------
+# -- rounding, where XLA compiles a trace ------------------------------------------------------------------------------
 
 
 def assert_xla_has_the_bits(f, found, *arrays):
-    """Of factors that a graph found, where XLA compiles the trace as it is: in a loop, too."""
+    """Of what a graph found, where XLA compiles the trace, and no library is called: in a loop, too."""
 
     def in_a_loop(*arrays):
-        return lax.fori_loop(0, 1, lambda _, x: x + f(*arrays), jnp.zeros(found.shape))
+        return lax.fori_loop(0, 1, lambda _, x: x + f(*arrays), jnp.zeros(found.shape, found.dtype))
 
     for g in (f, in_a_loop):
-        lowered = jax.jit(jaxpr_as_fun(xla.with_own_factors(jax.make_jaxpr(g)(*arrays)))).lower(*arrays)
-        assert "lapack" in jax.jit(g).lower(*arrays).as_text() and "lapack" not in lowered.as_text()
+        closed = xla.rounded_as_in_graphs(jax.make_jaxpr(g)(*arrays), may_fuse=False)
+        lowered = jax.jit(jaxpr_as_fun(closed)).lower(*arrays)
+        assert all(name not in lowered.as_text() for name in ("lapack", "stablehlo.dot"))
         np.testing.assert_array_equal(lowered.compile()(*arrays)[0], found)
+
+
+# Of x (3, 40) and y (40, 2).
+ROUNDED = {
+    "product": lambda x, y: x @ y,
+    "products over two axes": lambda x, y: jnp.einsum("ij,jk,ij->k", x, y, x),
+    "products of one term": lambda x, y: jnp.einsum("i,k->ik", x[:, 0], y[0]),
+    "sum": lambda x, y: jnp.sum(x, 1),
+    "sum over two axes": lambda x, y: jnp.sum(x * x),
+    "fused": lambda x, y: jnp.stack(fused(x[:, :2], y[:3], x[:, 2:4])),
+    "square": lambda x, y: x**2 + lax.square(x / 3),
+    "quotient by what all share": lambda x, y: x / y[0, 0],
+    "root": lambda x, y: 1 / jnp.sqrt(abs(x)),
+}
+
+
+@pytest.mark.parametrize("name", ROUNDED)
+def test_xla_rounds_as_a_graph(name):
+    rng = np.random.default_rng(0)
+    f, arrays = ROUNDED[name], [rng.standard_normal((7, *shape)).astype(F32) for shape in ((3, 40), (40, 2))]
+    (found,) = with_numpy(graph_of(f, *arrays), arrays)
+    shape = jax.eval_shape(jax.vmap(f), *arrays).shape
+    assert_xla_has_the_bits(jax.vmap(f), found.reshape(shape), *arrays)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
