@@ -64,7 +64,6 @@ from jaxspatial.measure import timing  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
 TABLE = HERE / "dynamics.md"
-CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "jaxspatial" / "benchmarks"
 DTYPES = ("float32", "float64")
 PRECISIONS = {OURS: None, rows.FAST: "fast", rows.AS_DATA: None}
 # The gradient of a step of MJX takes three to five times as long to compile as the step.
@@ -182,7 +181,7 @@ def _options(arguments):
     parser.add_argument("--rounds", type=int, default=15)
     parser.add_argument("--limit", type=float, default=25.0, help="seconds after which no round begins")
     parser.add_argument("--mjx-budget", type=float, default=30.0, help="seconds that a gradient of MJX may compile")
-    parser.add_argument("--folder", type=pathlib.Path, default=CACHE, help="keep the compiled libraries here")
+    parser.add_argument("--folder", type=pathlib.Path, default=peers.CACHE, help="keep the compiled libraries here")
     parser.add_argument("--write", action="store_true", help="write dynamics.md and dynamics.png, and the targets")
     parser.add_argument("--accept", action="store_true", help="with --write: keep ratios to Pinocchio that fell")
     parser.add_argument("--against", metavar="COMMIT", help="run this tree and a commit in turns, without peers")

@@ -53,6 +53,8 @@ with warnings.catch_warnings():
     import frax
 
 HERE = pathlib.Path(__file__).parent
+# Of compiled libraries.
+CACHE = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "jaxspatial" / "benchmarks"
 PACKAGES = pathlib.Path(sysconfig.get_paths()["purelib"])
 PREFIX = PACKAGES / "cmeel.prefix"
 FLAGS = ["-O3", "-march=native", "-DNDEBUG", "-std=c++17", "-shared", "-fPIC"]
@@ -102,17 +104,22 @@ def built(dtypes, folder, cores):
     folder already is not built again."""
     pinned = os.sched_getaffinity(0)
     os.sched_setaffinity(0, cores)  # for the compilers, which inherit it
-    started = {dtype: _started(_pinocchio_command(dtype), folder) for dtype in dtypes}
+    started = {dtype: _started(_pinocchio_command("dynamics_pinocchio.cpp", dtype), folder) for dtype in dtypes}
     started[MUJOCO] = _started(_mujoco_command(), folder)
     os.sched_setaffinity(0, pinned)
     return {name: _finished(*x) for name, x in started.items()}
 
 
-def _pinocchio_command(dtype):
+def built_from(file, dtype, folder):
+    """One library: Pinocchio's algorithms that a C++ file beside this one calls."""
+    return _finished(*_started(_pinocchio_command(file, dtype), folder))
+
+
+def _pinocchio_command(file, dtype):
     macros = [f"-D{x}" for x in (f"SCALAR={SCALARS[dtype]}", *MACROS)]
     includes = [f"-I{PREFIX / 'include'}", f"-I{PREFIX / 'include/eigen3'}"]
     links = [f"-L{PREFIX / 'lib'}", "-lpinocchio_default", "-lboost_serialization", f"-Wl,-rpath,{PREFIX / 'lib'}"]
-    return HERE / "dynamics_pinocchio.cpp", [*macros, *includes, "-w"], links
+    return HERE / file, [*macros, *includes, "-w"], links
 
 
 def _mujoco_command():

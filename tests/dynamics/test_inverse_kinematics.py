@@ -128,6 +128,20 @@ def test_each_state_of_a_batch_ends_by_itself():
     assert (more.iterations[is_solved] == once.iterations[is_solved]).all() and (more.iterations[~is_solved] > 20).all()
 
 
+def test_each_key_has_starts_of_its_own():
+    """Mapped over keys, with one start and target for all: after one step from each, where the best is depends on where
+    its key began. The same key finds the same."""
+    mech, q = arm(n=5), jnp.zeros(5, np.float32)
+    keys = jnp.stack([KEY, jax.random.key(4), KEY])
+
+    def find(key):
+        return js.inverse_kinematics(mech, q, "hand", jnp.array([0.3, 0.3, 0.5]), key=key, starts=8, iterations=1)
+
+    found = jax.tree.map(np.asarray, jax.jit(jax.vmap(find))(keys))
+    assert abs(found.q[0] - found.q[1]).max() > 0.1 and (found.q[0] == found.q[2]).all()
+    assert (found.iterations == 8).all() and not found.is_solved.any()
+
+
 @pytest.mark.slow
 def test_the_size_of_a_robot_does_not_matter():
     """Scaled by a power of two, with its targets and the tolerance, it takes the same steps."""

@@ -10,6 +10,8 @@ from tests.helpers.optional import needs
 needs("pinocchio")
 import pinocchio as pin  # noqa: E402
 
+from tests.helpers import pinocchio_closures  # noqa: E402
+
 
 @pytest.fixture(autouse=True)
 def _x64():
@@ -17,38 +19,12 @@ def _x64():
         yield
 
 
-def theirs(mujoco_model):
-    """Pinocchio's model of hinges at the origins of bodies. Its own reader takes the first tree of a file alone."""
-    m, model, inertias = mujoco_model, pin.Model(), pin.Inertia
-    for i in range(1, m.nbody):
-        joint = pin.JointModelRevoluteUnaligned(m.jnt_axis[i - 1])
-        placed = placement(m.body_pos[i], m.body_quat[i])
-        added = model.addJoint(int(m.body_parentid[i]), joint, placed, m.body(i).name)
-        inertia = inertias(m.body_mass[i], np.zeros(3), np.diag(m.body_inertia[i]))
-        model.appendBodyToJoint(added, inertia, placement(m.body_ipos[i], m.body_iquat[i]))
-    return model
-
-
-def placement(p, wxyz):
-    return pin.SE3(pin.Quaternion(*wxyz).matrix(), p)
-
-
-def closures(model, mujoco_model, kind):
-    """A hinge is held at two points of its axis: one of six rows is redundant."""
-    sites = [mujoco_model.site(name) for name in "AB"]
-    what = pin.ContactType.CONTACT_6D if kind == "weld" else pin.ContactType.CONTACT_3D
-    for along in ([0, 0, 0], [0, 0, 0.3])[: 2 if kind == "hinge" else 1]:
-        moved = pin.SE3(np.eye(3), np.array(along, float))
-        joints = [x for s in sites for x in (int(s.bodyid[0]), placement(s.pos, s.quat) * moved)]
-        yield pin.RigidConstraintModel(what, model, *joints, pin.LOCAL)
-
-
 @pytest.mark.parametrize("name", closed_loops.BODIES)
 def test_accelerations_and_forces(name):
     s = closed_loops.closed(name)
-    model = theirs(s.model)
+    model = pinocchio_closures.model(s.model)
     data, own = model.createData(), pin.StdVec_RigidConstraintModel()
-    own.extend(closures(model, s.model, closed_loops.CLOSURES[name][2]))
+    own.extend(pinocchio_closures.closures(model, s.model, closed_loops.CLOSURES[name][2]))
     datas = pin.StdVec_RigidConstraintData()
     datas.extend([x.createData() for x in own])
     pin.initConstraintDynamics(model, data, own, datas)
