@@ -260,11 +260,12 @@ def test_every_operation_is_traced_over_a_symbol(name):
 
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_every_algorithm_is_traced_over_a_symbol(name):
+    """And over no states."""
     function = functools.partial(ALGORITHMS[name], mechanism())
     given = _symbolic(state((2,)))
-    found, like = jax.eval_shape(function, *given), jax.eval_shape(function, *state((2,)))
-    for x, y in zip(*map(jax.tree.leaves, (found, like)), strict=True):
-        assert x.shape == (given[0].shape[0], *y.shape[1:])
+    traced = (jax.eval_shape(function, *x) for x in (given, state((2,)), state((0,))))
+    for x, y, z in zip(*map(jax.tree.leaves, traced), strict=True):
+        assert x.shape == (given[0].shape[0], *y.shape[1:]) and z.shape == (0, *y.shape[1:])
 
 
 @pytest.mark.slow

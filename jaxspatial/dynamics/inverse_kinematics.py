@@ -10,6 +10,7 @@ limits that would go beyond are left out of a step, and what goes beyond in it i
 """
 
 import functools
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
@@ -166,7 +167,8 @@ def _targets(targets, frames, q) -> tuple[list, tuple[int, ...]]:
     if shape[len(shape) - len(n) :] != n:
         raise ValueError(f"{what}: expected a batch (*batch, {len(frames)}) for {len(frames)} frames, got {shape}")
     batch = shape[: len(shape) - len(n)]
-    return [x.reshape(*batch, -1) for x in arrays], batch
+    # Written out, for there may be no states.
+    return [x.reshape(*batch, math.prod(x.shape[len(batch) :])) for x in arrays], batch
 
 
 # -- one state --------------------------------------------------------------------------------------------------------
