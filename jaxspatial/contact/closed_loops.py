@@ -273,7 +273,7 @@ def close_loops(
 
     Raises:
         ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
-            tracing. The residual tells of others.
+            tracing. The residual tells of others. Or iterations is no integer from 0 on.
 
     Error: the residual, which is as small as the error of `constraint_error` where iterations have converged.
     Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity
@@ -286,6 +286,7 @@ def close_loops(
         [ 0.5    -1.4455] True
     """
     q, closures, distances = _checked("close_loops", mechanism, loops, q=q)
+    iterations = check.as_count(iterations, "close_loops: iterations", 0)
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
     return over_batch(

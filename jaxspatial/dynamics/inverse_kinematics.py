@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
+from jax.core import Tracer
 
 from jaxspatial.dynamics.configuration import integrate, random_configuration
 from jaxspatial.dynamics.jacobians import jacobian
@@ -99,7 +100,8 @@ def inverse_kinematics(
 
     Raises:
         TypeError: the first argument is no Mechanism, frames no names, or dtypes differ or are not floating point.
-        ValueError: shapes do not fit, a number is not above zero, or there are several starts and no key.
+        ValueError: shapes do not fit, a number is not above zero or not known while tracing, starts or iterations is
+            no integer, or there are several starts and no key.
         KeyError: there is no such frame.
 
     Error: `error` is evaluated anew at the q that is returned: as of `forward_kinematics` and `RigidTransform.log`.
@@ -114,9 +116,13 @@ def inverse_kinematics(
         True [-0.6  0.  -1.2]
     """
     start = checked("inverse_kinematics", mechanism, q=q, frames=frames)[0]
-    for name, x in (("starts", starts), ("iterations", iterations), ("angle", angle), ("distance", distance)):
-        if not x > 0:
-            raise ValueError(f"inverse_kinematics: {name}: expected a number above 0, got {x!r}")
+    starts = check.as_count(starts, "inverse_kinematics: starts", 1)
+    iterations = check.as_count(iterations, "inverse_kinematics: iterations", 1)
+    for name, x in (("angle", angle), ("distance", distance)):
+        if isinstance(x, Tracer) or not x > 0:
+            raise ValueError(
+                f"inverse_kinematics: {name}: expected a number above 0, known while tracing, got {check.in_short(x)}"
+            )
     if starts > 1 and key is None:
         raise ValueError(f"inverse_kinematics: key: expected one of jax.random for {starts} starts, got None")
     if not mechanism.nv:
@@ -125,7 +131,7 @@ def inverse_kinematics(
     batch = check.broadcast_shapes(start.shape[:-1], batch)
     names = (frames,) if isinstance(frames, str) else tuple(frames)
     still, start, given = fixed((mechanism, jnp.broadcast_to(start, (*batch, start.shape[-1])), flat))
-    numbers = {"names": names, "iterations": iterations, "angle": angle, "distance": distance}
+    numbers = {"names": names, "iterations": iterations, "angle": float(angle), "distance": float(distance)}
     approach = functools.partial(_approach, resolve(precision), (still,), **numbers)
     best = approach(start, given, None)
     if starts > 1:

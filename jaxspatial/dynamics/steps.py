@@ -243,7 +243,7 @@ def symplectic_step(
     Raises:
         TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or forces are neither a
             dict of SpatialForces nor AppliedForces, nor a list of these.
-        ValueError: shapes do not fit.
+        ValueError: shapes do not fit, or iterations is no integer from 0 on.
         KeyError: there is no such frame.
 
     Error: of rounding, per step, in the largest number: of v at most 8 n u c (|v| + dt |vdot|) in every precision, for
@@ -258,6 +258,7 @@ def symplectic_step(
         [ 0.5091 -0.1933] [0.9138 0.6721]
     """
     *at, h, forces = checked("symplectic_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
+    iterations = check.as_count(iterations, "symplectic_step: iterations", 0)
     if not mechanism.nv:
         return at_rest(*at, h, forces)
     return _variational(resolve(precision), _scene(mechanism, at[1], compliance), *at, h, forces, iterations=iterations)

@@ -5,7 +5,7 @@ import functools
 import operator
 import warnings
 from collections.abc import Iterable, Sequence
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
@@ -347,6 +347,17 @@ def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
     if not -len(batch_shape) <= axis < len(batch_shape):
         raise ValueError(f"{operation}: axis: expected one of a batch of shape {batch_shape}, got {axis}")
     return operator.index(axis) % len(batch_shape)
+
+
+def as_count(x: object, name: str, least: int) -> int:
+    """How many there are of something, known while tracing."""
+    try:
+        n = operator.index(cast(Any, x))
+    except TypeError:
+        n = None
+    if isinstance(x, bool) or n is None or n < least:
+        raise ValueError(f"{name}: expected an integer >= {least}, got {in_short(x)}")
+    return n
 
 
 def is_computed(x) -> bool:

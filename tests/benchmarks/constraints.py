@@ -54,9 +54,7 @@ class Claim(NamedTuple):
 
 
 IK = "inverse kinematics"
-CLAIMS = (
-    Claim(IK, OURS, least=1),
-)
+CLAIMS = (Claim(IK, OURS, least=1),)
 
 
 # -- Pinocchio --------------------------------------------------------------------------------------------------------

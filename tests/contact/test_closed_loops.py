@@ -538,6 +538,10 @@ REFUSED = {
     "no closures": (
         lambda: js.close_loops(two_bodies(), two_bodies().neutral(), ["A"]), TypeError, "close_loops: loops: expected",
     ),
+    "a bad count": (
+        lambda: js.close_loops(two_bodies(), two_bodies().neutral(), [], iterations=-1), ValueError,
+        "close_loops: iterations: expected an integer >= 0, got -1",
+    ),
     "built": (
         lambda: js.Mechanism.build([], [], loops=[js.LoopClosure("A", "world", "ball")]), KeyError,
         "Mechanism.build: loops: .*'A'",

@@ -154,3 +154,18 @@ def test_a_field_is_mapped_over_as_the_message_says():
     found = jax.vmap(lambda x, q: js.gravity_forces(MECH.as_data().replace(gravity=x), q), (0, None))(x, q)
     np.testing.assert_array_equal(found[0], -found[1])
     assert found[0].any()
+
+
+def test_a_count_is_an_integer_that_is_known_while_tracing():
+    zero = np.zeros(2, np.float32)
+
+    def step(count):
+        return js.symplectic_step(MECH, zero, zero, zero, np.float32(0.1), iterations=count)
+
+    for count, told in ((-1, "-1"), (2.5, "2.5"), (True, "True"), ("3", "'3'"), (jnp.float32(2), r"float32\[\]")):
+        with pytest.raises(ValueError, match=f"^symplectic_step: iterations: expected an integer >= 0, got {told}"):
+            step(count)
+    with pytest.raises(ValueError, match=r"expected an integer >= 0, got int32\[\]"):
+        jax.jit(step)(3)
+    for a, b in zip(step(np.int64(2)), step(2), strict=True):
+        np.testing.assert_array_equal(a, b)

@@ -224,7 +224,9 @@ def test_wrong_arguments_are_told():
     mech, X_WT, start, _ = solved()
     call = js.inverse_kinematics
     for error, message, arguments, named in (
-        (ValueError, "starts: expected a number above 0, got 0", (start, "hand", X_WT), {"starts": 0}),
+        (ValueError, "starts: expected an integer >= 1, got 0", (start, "hand", X_WT), {"starts": 0}),
+        (ValueError, "iterations: expected an integer >= 1, got 2.5", (start, "hand", X_WT), {"iterations": 2.5}),
+        (ValueError, "angle: expected a number above 0, known while", (start, "hand", X_WT), {"angle": 0.0}),
         (ValueError, "key: expected one of jax.random for 3 starts", (start, "hand", X_WT), {"starts": 3}),
         (ValueError, "targets: expected a batch", (start, ["hand", "link1"], X_WT), {}),
         (TypeError, "dtype", (start, "hand", jnp.zeros(3, np.float16)), {}),

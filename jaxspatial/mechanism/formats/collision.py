@@ -22,6 +22,7 @@ import numpy as np
 from jaxspatial.mechanism.formats.source import needed
 from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.topology import Topology
+from jaxspatial.numerics import check
 from jaxspatial.spatial import RigidTransform
 
 # Shares of the size of a mesh below which it is flat, and below which two corners are one.
@@ -73,9 +74,7 @@ def _known(what: str, names: Iterable[str] | None, there: tuple[str, ...], t: To
 
 def spheres(operation: str, shapes: list[CollisionShape], rim: int, corners: int, dtype: np.dtype[Any]):
     """(frames, positions (n, 3), radius (n,), friction (n,)) of the spheres of shapes, in their order."""
-    for name, count, least in (("rim", rim, 3), ("corners", corners, 1)):
-        if isinstance(count, bool) or not isinstance(count, int) or count < least:
-            raise ValueError(f"{operation}: {name}: expected an integer >= {least}, got {count!r}")
+    rim, corners = check.as_count(rim, f"{operation}: rim", 3), check.as_count(corners, f"{operation}: corners", 1)
     frames, rows = list[str](), list[np.ndarray]()
     for shape in shapes:
         p_S = farthest(corners_of_hull(shape.vertices()), corners) if shape.vertices else _points(shape, rim)
