@@ -139,7 +139,7 @@ def of_closed_loops(library, name, n, rounds):
     found = np.empty_like(state[1])
     arguments = ctypes.c_long(n), *map(pointer, state), *map(single, PROXIMAL[:2]), PROXIMAL[2], pointer(found)
     seconds, compiling, results = timed(programs, lambda: library.constrained_dynamics(*arguments), rounds)
-    right = np.asarray(closed_loops.constrained(name).vdot)
+    right = np.asarray(closed_loops.constrained(name, n).vdot)
     errors = {case: relative(x, right) for case, x in ((OURS, results[OURS]), (THEIRS, found))}
     told = [f"{case}: error {x:.1e} of the largest acceleration, half of the states." for case, x in errors.items()]
     return per_state(seconds, n), compiling, told

@@ -64,9 +64,9 @@ def closed(name, n=4):
 
 
 @functools.cache
-def constrained(name):
+def constrained(name, n=4):
     """What `constrained_forward_dynamics` finds at the states of `closed`."""
-    s = closed(name)
+    s = closed(name, n)
     with jax.enable_x64(True):
         return interpreted(lambda *x: js.constrained_forward_dynamics(s.mech, *x, s.loops))(s.q, s.v, s.tau)
 
