@@ -1,6 +1,7 @@
 """The benchmarks still run: every case, on few wrenches. What they claim is asserted by running them, not here."""
 
 import pathlib
+import re
 import shutil
 import subprocess
 import sys
@@ -85,6 +86,21 @@ def test_contact_against_a_commit():
         (told,) = (line for line in run.stdout.splitlines() if line.startswith(f"| go1, float32 | {case} | "))
         assert told.count(" | ") == 8
     assert "of 6 rows are slower" in run.stdout and "Left out" not in run.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not shutil.which("g++"), reason="needs g++")
+def test_constraints():
+    """On few states: both sides solve the same targets, in as many steps, and find the same accelerations."""
+    for name in ("pinocchio", "mujoco.mjx", "frax"):
+        pytest.importorskip(name)
+    command = [sys.executable, HERE / "constraints.py", "--n", "64", "--rounds", "2"]
+    run = subprocess.run(command, capture_output=True, text=True, timeout=1800)
+    assert run.returncode in (0, 1) and "Traceback" not in run.stderr, run.stderr
+    solved, steps = zip(*re.findall(r"(\d+)% solved, ([\d.]+) steps", run.stdout), strict=True)
+    assert solved[0] == solved[2] and steps[0] == steps[2]
+    errors = [float(x) for x in re.findall(r"error (\S+) of", run.stdout)]
+    assert len(errors) == 6 and max(errors) < 2e-4 and run.stdout.count("at least") == 5
 
 
 @pytest.mark.slow
