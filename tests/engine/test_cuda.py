@@ -159,9 +159,16 @@ def arm():
     return js.testing.random_mechanism(0, 7, ["revolute"], is_chain=True, dtype=F32)
 
 
+def tip():
+    return arm().body_names[-1]
+
+
+def closure():
+    return [js.LoopClosure("world", tip(), "ball")]
+
+
 def contacts():
-    tip = arm().body_names[-1]
-    return js.PointContacts((tip,), stiffness=F32(1e4), relaxation_time=F32(0.01), friction=F32(0.7), radius=F32(0.1))
+    return js.PointContacts((tip(),), stiffness=F32(1e4), relaxation_time=F32(0.01), friction=F32(0.7), radius=F32(0.1))
 
 
 def states(mech, n=40):
@@ -177,8 +184,12 @@ PROGRAMS = {
     "a step": lambda q, v, a: js.semi_implicit_step(arm(), q, v, a, F32(1e-3)),
     "gradient": lambda q, v, a: jax.grad(lambda *x: js.forward_dynamics(arm(), *x).sum(), (0, 1, 2))(q, v, a),
     "a step with contact": lambda q, v, a: js.convex_step(arm(), q, v, a, F32(1e-3), contacts=contacts())[:2],
+    "inverse kinematics": lambda q, v, a: js.inverse_kinematics(arm(), q, tip(), v[..., :3]),
+    "dynamics of a loop": lambda q, v, a: js.constrained_forward_dynamics(arm(), q, v, a, closure()).vdot,
+    "a loop that is closed": lambda q, v, a: js.close_loops(arm(), q, closure()),
 }
-EACH = [pytest.param(name, marks=[pytest.mark.slow] if "contact" in name else []) for name in PROGRAMS]
+LONG = "a step with contact", "inverse kinematics", "dynamics of a loop", "a loop that is closed"
+EACH = [pytest.param(name, marks=[pytest.mark.slow] if name in LONG else []) for name in PROGRAMS]
 # Bytes of registers that are written to memory because there are too few. ptxas 13.5 says 0, for these 24 and 60.
 SPILLED = {"gradient": 64, "a step with contact": 128}
 
