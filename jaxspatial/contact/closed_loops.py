@@ -265,7 +265,7 @@ def close_loops(
         mechanism: the mechanism, see `Mechanism`.
         q: (*batch, nq) coordinates: rad, m, quaternions (read normalised).
         loops: LoopClosures, such as `mechanism.loops`; none at all leave the tree.
-        iterations: how many at most; their number is fixed. From 0.1 rad 5 are enough.
+        iterations: how many at most. From 0.1 rad 5 are enough. Each state of a batch takes those that it needs.
         precision: name of a precision; None takes the default.
 
     Returns:
@@ -387,31 +387,65 @@ def _regularization(dtype) -> float:
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
+class _Closing(NamedTuple):
+    """Where the steps are, the squared error from which the last began, whether it got no smaller, and how many."""
+
+    q: jax.Array
+    squared: jax.Array
+    is_at_end: jax.Array
+    steps: jax.Array
+
+
+class _Closed(NamedTuple):
+    """Where the iterations end, (nq,); one undamped step further, which is the result; its residual, (1,)."""
+
+    end: jax.Array
+    q: jax.Array
+    residual: jax.Array
+
+
 @composite
-def _nearly_closed(
+def _nearest(
     precision: Precision,
     scene: tuple[Mechanism, tuple[LoopClosure, ...]],
     q: jax.Array,
     distances: Sequence[Any],
     *,
     iterations: int,
-) -> jax.Array:
-    """The configuration after so many iterations, as one program."""
+) -> _Closed:
+    """A closed configuration near by, as one program: in a batch each state ends by itself."""
     mechanism, closures = scene
     loops = LoopsOfState(mechanism, closures, distances, precision.value)
 
-    def nearer(_, q) -> jax.Array:
-        placed = loops.placed(q)
+    def nearer(state: _Closing) -> _Closing:
+        q, placed = state.q, loops.placed(state.q)
         rows = loops.jacobian(q, placed)
         scale, A = _equilibrated(times(rows.J, rows.J.T), rows)
         error = scale * errors_of(placed, q.dtype)
-        damping = _regularization(A.dtype) + _DAMPING * jnp.sum(error * error)
-        step = times(scale * times(_inverse(A, damping), error), rows.J)
-        return integrate(mechanism, q, -step, precision=loops.precision)
+        squared, least = jnp.sum(error * error), _regularization(A.dtype)
+        step = times(scale * times(_inverse(A, least + _DAMPING * squared), error), rows.J)
+        # Near a closed configuration a step leaves the square of the error, or what rounding leaves.
+        is_at_end = (_DAMPING * squared <= least) & (squared >= 0.25 * state.squared)
+        q = integrate(mechanism, q, -step, precision=loops.precision)
+        return _Closing(q, squared, is_at_end, state.steps + 1)
+
+    def goes_on(state: _Closing) -> jax.Array:
+        return ~state.is_at_end & (state.steps < iterations)
 
     # A step of length 0 normalises quaternions.
     q = integrate(mechanism, q, np.zeros(mechanism.nv, q.dtype), precision=loops.precision)
-    return lax.fori_loop(0, iterations, nearer, q)
+    start = _Closing(q, jnp.full((), np.inf, q.dtype), jnp.zeros((), bool), jnp.zeros((), np.int32))
+    end = lax.while_loop(goes_on, nearer, start).q
+    closed = _stepped(loops, end)[0]
+    return _Closed(end, closed, jnp.max(jnp.abs(errors_of(loops.placed(closed), q.dtype)))[None])
+
+
+def _stepped(loops: LoopsOfState, q) -> tuple[jax.Array, LoopJacobian]:
+    """An undamped step, and the rows that it is taken along."""
+    placed = loops.placed(q)
+    rows = loops.jacobian(q, placed)
+    multipliers = _multipliers(times(rows.J, rows.J.T), errors_of(placed, q.dtype), rows)
+    return integrate(loops.mechanism, q, -times(multipliers, rows.J), precision=loops.precision), rows
 
 
 def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
@@ -423,18 +457,13 @@ def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
         left = jnp.abs(errors_of(loops.placed(q), q.dtype))
         return ClosedConfiguration(q, jnp.max(left) if loops.closures else jnp.zeros((), q.dtype))
     mechanism, start, distances = fixed((mechanism, q, loops.distances))
-    held = loops._replace(mechanism=mechanism, distances=distances)
-    end = _nearly_closed(resolve(precision), (mechanism, loops.closures), start, distances, iterations=iterations)
-    # One more step, undamped, in which the start and all numbers vary. What it leaves is of second order in their
-    # changes, and of the step after it the second order is that of a step along constant rows.
-    moved = integrate(mechanism, q, difference(mechanism, start, end, precision=precision), precision=precision)
-    placed = loops.placed(moved)
-    rows = loops.jacobian(moved, placed)
-    multipliers = _multipliers(times(rows.J, rows.J.T), errors_of(placed, moved.dtype), rows)
-    closed = integrate(loops.mechanism, moved, -times(multipliers, rows.J), precision=precision)
+    found = _nearest(resolve(precision), (mechanism, loops.closures), start, distances, iterations=iterations)
+    # For derivatives the last step is taken again, and here the start and all numbers vary. What it leaves is of second
+    # order in their changes, and of the step after it the second order is that of a step along constant rows.
+    moved = integrate(mechanism, q, difference(mechanism, start, found.end, precision=precision), precision=precision)
+    closed, rows = _stepped(loops, moved)
     J, squares = fixed(rows)
     solve = _proximal(times(J, J.T), LoopJacobian(J, squares))
     left = times(solve(errors_of(loops.placed(closed), closed.dtype)), J)
-    closed = valued(integrate(loops.mechanism, closed, -left, precision=precision), fixed(closed))
-    residual = errors_of(held.placed(fixed(closed)), closed.dtype)
-    return ClosedConfiguration(closed, jnp.max(jnp.abs(residual)))
+    closed = integrate(loops.mechanism, closed, -left, precision=precision)
+    return ClosedConfiguration(valued(closed, found.q), found.residual[0])

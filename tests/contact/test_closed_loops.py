@@ -355,6 +355,21 @@ def test_derivatives_of_closed_configurations():
 # -- closing loops ----------------------------------------------------------------------------------------------------
 
 
+def test_each_state_ends_by_itself():
+    """From 0.1 rad off some four steps are enough; no more are taken, nor by a state whose batch holds one that is far
+    away, or NaN, and takes all."""
+    s, rng = closed_loops.closed("hinges"), np.random.default_rng(0)
+    near, far = (np.concatenate([s.q] * 5) + size * rng.standard_normal((20, 6)) for size in (0.1, 2.0))
+    far[0] = np.nan
+    close = jax.jit(lambda q, n: js.close_loops(s.mech, q, s.loops, iterations=n).q, static_argnums=1)
+    alone = np.asarray(close(near, 30))
+    np.testing.assert_array_equal(alone, close(near, 8))
+    assert (alone != close(near, 2)).any(-1).all()
+    both = np.asarray(close(np.concatenate([near, far]), 30))
+    np.testing.assert_array_equal(both[:20], alone)
+    assert np.isnan(both[20]).all() and (both[21:] != close(far, 8)[1:]).any()
+
+
 @pytest.mark.parametrize("name", slow_but(["four-bar", "five-bar", "hinges"], closed_loops.BODIES))
 def test_loops_close_quadratically(name):
     """From 0.1 rad off. The residual is told at every number of iterations, and is that of the error."""
