@@ -108,10 +108,7 @@ def constraint_error(
         [-0.7749  0.     -1.8329]
     """
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
-
-    return over_batch(
-        lambda q, own: errors_of(LoopsOfState(mechanism, closures, own, precision).placed(q), q.dtype), q, distances
-    )
+    return _error(resolve(precision), (mechanism, closures), q, distances)
 
 
 def constraint_jacobian(
@@ -151,12 +148,7 @@ def constraint_jacobian(
         True
     """
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
-
-    def of_one(q, distances) -> jax.Array:
-        loops = LoopsOfState(mechanism, closures, distances, precision)
-        return loops.jacobian(q, loops.placed(q)).J
-
-    return over_batch(of_one, q, distances)
+    return _jacobian(resolve(precision), (mechanism, closures), q, distances)
 
 
 def constrained_forward_dynamics(
@@ -301,6 +293,20 @@ def _checked(operation: str, mechanism: Mechanism, loops, **arguments) -> tuple:
     """The arguments as `algorithm.checked` returns them, the closures, and their distances (*batch, 1) or None."""
     found = checked(operation, mechanism, **arguments)
     return *found, *checked_closures(operation, mechanism, loops, found[0].dtype)
+
+
+# -- errors and rows --------------------------------------------------------------------------------------------------
+
+
+@composite
+def _error(precision: Precision, scene: tuple[Mechanism, tuple[LoopClosure, ...]], q, distances: Sequence[Any]):
+    return errors_of(LoopsOfState(*scene, distances, precision.value).placed(q), q.dtype)
+
+
+@composite
+def _jacobian(precision: Precision, scene: tuple[Mechanism, tuple[LoopClosure, ...]], q, distances: Sequence[Any]):
+    loops = LoopsOfState(*scene, distances, precision.value)
+    return loops.jacobian(q, loops.placed(q)).J
 
 
 # -- dynamics ---------------------------------------------------------------------------------------------------------
