@@ -14,6 +14,7 @@ import numpy as np
 from jaxspatial.dynamics.kinematics import velocity_step
 from jaxspatial.engine import recursion
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
+from jaxspatial.engine.composite import composite
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import AppliedForces, HalfSpace, Mechanism, PointContacts, ShapeContacts
@@ -22,6 +23,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm
 from jaxspatial.numerics.numbers import Number, Numbers, where
+from jaxspatial.numerics.precision import resolve
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
 from jaxspatial.spatial.algebra import composed
@@ -86,21 +88,39 @@ def contact_forces(
         [[  0.    0.  312.5]]
     """
     what = "contact_forces"
-    at = contact_geometry(what, mechanism, q, v, contacts, ground, precision)
-    dtype, n = np.dtype(at.depth.dtype), len(contacts.frames)
+    at_q, at_v, contacts, ground, batch = _checked(what, mechanism, q, v, contacts, ground)
+    dtype, n = at_q.dtype, len(contacts.frames)
     given = {"dissipation": dissipation, "stiction_speed": stiction_speed}
     own = {name: check.as_float_array(x, f"{what}: {name}", dtype) for name, x in given.items()}
     for name, x in own.items():
         if x.shape[-1:] not in ((), (n,)):
             raise ValueError(f"{what}: {name}: expected a number, or shape (*batch, {n}), got {x.shape}")
-    check.require_same_dtype(contacts=at.depth, **own)
+    check.require_same_dtype(contacts=at_q, **own)
     if isinstance(own["stiction_speed"], np.ndarray) and (own["stiction_speed"] <= 0).any():
         raise ValueError(f"{what}: stiction_speed: expected numbers above 0, got {stiction_speed}")
-    check.common_batch_shape(contacts=at.depth.shape[:-1], **{name: x.shape[:-1] for name, x in own.items()})
-    numbers = (at.depth, contacts.stiffness, contacts.friction, *own.values())
-    tau, f = _forces(precision, at.normals, at.velocities, at.offsets, *map(check.expanded, numbers))
-    points = contacts.positions
-    return AppliedForces(contacts.frames, SpatialForce(tau, f), None if points is None else check.narrowed(points))
+    batch = check.common_batch_shape(contacts=batch, **{name: x.shape[:-1] for name, x in own.items()})
+    scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
+    if not n:
+        wrenches = SpatialForce.zero((*batch, 0), dtype)
+    elif contacts.batch_shape or not isinstance(ground, Shape) or ground.batch_shape or ground.calls_functions:
+        # A caller's function may read arrays of the caller's: it is part of the caller's program.
+        wrenches = _wrenches(precision, scene, at_q, at_v, *numbers)
+    else:
+        wrenches = _as_one_program(resolve(precision), scene, at_q, at_v, *numbers)
+    return AppliedForces(contacts.frames, wrenches, contacts.positions)
+
+
+def _wrenches(
+    precision: PrecisionName, scene: tuple[Mechanism, PointContacts, Ground], q, v, d: jax.Array, v_s: jax.Array
+) -> SpatialForce:
+    """`contact_forces` of arrays, of some contacts."""
+    mechanism, contacts, ground = scene
+    at = _geometry("contact_forces", mechanism, q, v, contacts, ground, precision)
+    numbers = map(check.expanded, (at.depth, contacts.stiffness, contacts.friction, d, v_s))
+    return SpatialForce(*_forces(precision, at.normals, at.velocities, at.offsets, *numbers))
+
+
+_as_one_program = composite(_wrenches)
 
 
 @formula
@@ -155,15 +175,27 @@ def contact_geometry(
     precision: PrecisionName,
 ) -> ContactGeometry:
     """The ContactGeometry, over the common batch of all arguments. operation: who asks, for messages."""
+    q, v, contacts, ground, batch = _checked(operation, mechanism, q, v, contacts, ground)
+    if not contacts.frames:
+        nothing = jnp.zeros((*batch, 0, 3), q.dtype)
+        return ContactGeometry(nothing, nothing[..., 0], nothing, nothing, nothing)
+    return _geometry(operation, mechanism, q, v, contacts, ground, precision)
+
+
+def _checked(operation: str, mechanism: Mechanism, q, v, contacts: PointContacts, ground: Ground | None):
+    """q, v, contacts and ground as arrays, and their common batch shape but for that of a ground."""
     contacts = checked_contacts(operation, contacts)
     at_q, at_v = checked(operation, mechanism, q=q, v=v)
     check.require_same_dtype(q=at_q, contacts=contacts)
     ground = checked_ground(operation, ground, at_q)
     batch = check.common_batch_shape(q=at_q.shape[:-1], v=at_v.shape[:-1], contacts=contacts.batch_shape)
-    if not contacts.frames:
-        nothing = jnp.zeros((*batch, 0, 3), at_q.dtype)
-        return ContactGeometry(nothing, nothing[..., 0], nothing, nothing, nothing)
-    centers, w, velocities = point_motions(operation, mechanism, at_q, at_v, contacts, precision)
+    return at_q, at_v, contacts, ground, batch
+
+
+def _geometry(
+    operation: str, mechanism: Mechanism, q, v, contacts: PointContacts, ground: Ground, precision: PrecisionName
+) -> ContactGeometry:
+    centers, w, velocities = point_motions(operation, mechanism, q, v, contacts, precision)
     normals, distances = normals_and_distances(operation, ground, centers, precision)
     offsets, depth, at_C = _at_contact(
         precision, w, velocities, normals, *map(check.expanded, (distances, contacts.radius))
