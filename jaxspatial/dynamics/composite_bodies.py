@@ -13,7 +13,8 @@ from jax import lax
 
 from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.engine import matrices, recursion, stacking
-from jaxspatial.engine.algorithm import BODIES, algorithm
+from jaxspatial.engine.algorithm import BODIES, algorithm, checked
+from jaxspatial.engine.composite import composite
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.composition import combined
 from jaxspatial.mechanism import Mechanism
@@ -21,7 +22,7 @@ from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check, elimination
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import Number, Numbers, Rounded, high, is_constant, shape_of, where
-from jaxspatial.numerics.precision import Precision
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.quantity import tree
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -77,10 +78,10 @@ def matrix_of(state: MechanismState) -> Number:
     """M as numbers (nv, nv, B)."""
     links, placed = state.links(), matrices.poses_from_root(state)
     rows, columns = list[tuple[int, Placed]](), list[tuple[int, Placed]]()
-    for link, composite, X in zip(links, composites(state), placed, strict=True):
+    for link, inertia, X in zip(links, composites(state), placed, strict=True):
         S = stacking.stacked_trees(link.joint.subspace)
         rows.append((len(link.joint.subspace), in_world_axes(X, S)))
-        columns.append((len(link.joint.subspace), in_world_axes(X, algebra.apply_inertia(composite, S))))
+        columns.append((len(link.joint.subspace), in_world_axes(X, algebra.apply_inertia(inertia, S))))
     (upper,) = matrices.matrices(state, lambda row, column: (generalized_force(row, column),), rows, columns)
     return with_armature(state, links, matrices.symmetric_of(upper))
 
@@ -232,7 +233,18 @@ def mass_matrix_factor(mechanism: Mechanism, q: ArrayLike, *, precision: Precisi
         >>> print(js.mass_matrix(arm, q) @ factor.solve(tau))
         [10.  2.]
     """
-    return factored(mass_matrix(mechanism, q, precision=precision))
+    (q,) = checked("mass_matrix_factor", mechanism, q=q)
+    if not mechanism.nv:
+        return factored(mass_matrix(mechanism, q, precision=precision))
+    return _factor(resolve(precision), (mechanism,), q)
+
+
+@composite
+def _factor(precision: Precision, scene: tuple[Mechanism], q: jax.Array) -> MassMatrixFactor:
+    """As one program."""
+    L = factored(mass_matrix(scene[0], q, precision=precision.value)).L
+    # Columns before a pivot that is not positive are numbers.
+    return MassMatrixFactor(jnp.where(jnp.isnan(jnp.sum(jnp.diagonal(L))), jnp.full_like(L, np.nan), L))
 
 
 def factored(M: jax.Array) -> MassMatrixFactor:

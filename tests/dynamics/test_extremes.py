@@ -63,6 +63,17 @@ def test_a_joint_without_inertia_is_as_if_locked():
     assert np.isnan(js.symplectic_step(mech, q, v, tau, 0.01)[1]).any()
 
 
+def test_a_mass_matrix_without_a_factor():
+    """Where one pivot is not positive all is NaN: here the last, of two hinges in line that turn one body."""
+    ends = ("a", "world", "arm"), ("b", "arm", "hand")
+    joints = [js.Joint(name, "revolute", parent, child, axis=(1, 0, 0)) for name, parent, child in ends]
+    spinning = js.SpatialInertia(np.float64(1), np.zeros(3), 4 * np.eye(3))
+    mech = js.Mechanism.build([js.Body("arm"), js.Body("hand", spinning)], joints, dtype=np.float64)
+    np.testing.assert_array_equal(js.mass_matrix(mech, np.zeros(2)), np.full((2, 2), 4.0))
+    for of in (js.mass_matrix_factor, jax.jit(jax.vmap(js.mass_matrix_factor, (None, 0)))):
+        assert np.isnan(of(mech, np.zeros((1, 2))).L).all()
+
+
 def test_armature_of_a_floating_root():
     """One number for each of its six velocities, on the diagonal of the mass matrix."""
     rng = np.random.default_rng(8)
