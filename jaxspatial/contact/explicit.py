@@ -175,14 +175,16 @@ def contact_geometry(
     precision: PrecisionName,
 ) -> ContactGeometry:
     """The ContactGeometry, over the common batch of all arguments. operation: who asks, for messages."""
-    q, v, contacts, ground, batch = _checked(operation, mechanism, q, v, contacts, ground)
+    at_q, at_v, contacts, ground, batch = _checked(operation, mechanism, q, v, contacts, ground)
     if not contacts.frames:
-        nothing = jnp.zeros((*batch, 0, 3), q.dtype)
+        nothing = jnp.zeros((*batch, 0, 3), at_q.dtype)
         return ContactGeometry(nothing, nothing[..., 0], nothing, nothing, nothing)
-    return _geometry(operation, mechanism, q, v, contacts, ground, precision)
+    return _geometry(operation, mechanism, at_q, at_v, contacts, ground, precision)
 
 
-def _checked(operation: str, mechanism: Mechanism, q, v, contacts: PointContacts, ground: Ground | None):
+def _checked(
+    operation: str, mechanism: Mechanism, q, v, contacts: PointContacts, ground: Ground | None
+) -> tuple[jax.Array, jax.Array, PointContacts, Ground, tuple[int, ...]]:
     """q, v, contacts and ground as arrays, and their common batch shape but for that of a ground."""
     contacts = checked_contacts(operation, contacts)
     at_q, at_v = checked(operation, mechanism, q=q, v=v)

@@ -12,12 +12,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
+from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree import barrier
 from jaxspatial.numerics.errorfree.primitives import not_inlined
 from jaxspatial.numerics.jax_internals import ClosedJaxpr, Literal, jaxpr_as_fun
 
 # XLA compiles a long trace for CPUs in parts of this many operations.
 PART = 400
+# A loop adds at most so many terms one by one. What is longer is a sum over states, which XLA computes.
+MOST_TERMS = 64
 
 
 def in_parts(closed: ClosedJaxpr, arrays: Sequence) -> list:
@@ -67,20 +70,18 @@ def rounded_as_in_graphs(closed: ClosedJaxpr, *, may_fuse: bool) -> ClosedJaxpr:
     round them in another order, which differs between machines. Products and quotients are rounded one by one,
     unless the program may fuse them with sums.
     """
-    own = _LOOPS if may_fuse else {**_LOOPS, **_ELEMENTWISE}
-    eqns = [_rounded(eqn, own, may_fuse) for eqn in closed.jaxpr.eqns]
+    eqns = [_rounded(eqn, may_fuse) for eqn in closed.jaxpr.eqns]
     if all(a is b for a, b in zip(eqns, closed.jaxpr.eqns, strict=True)):
         return closed
     unnamed = closed.jaxpr.debug_info.with_unknown_names()
     return ClosedJaxpr(closed.jaxpr.replace(eqns=eqns, debug_info=unnamed), closed.consts)
 
 
-def _rounded(eqn, own: dict[str, Callable], may_fuse: bool):
+def _rounded(eqn, may_fuse: bool):
     """An operation, or a call of what stands for it; the same object where nothing changes."""
-    name = eqn.primitive.name
-    if name in own and eqn.outvars[0].aval.dtype.kind == "f":
-        instead = jax.jit(functools.partial(own[name], **eqn.params))
-        (call,) = jax.make_jaxpr(instead)(*(x.aval for x in eqn.invars)).eqns
+    own = _own(eqn, may_fuse)
+    if own is not None:
+        (call,) = jax.make_jaxpr(jax.jit(functools.partial(own, **eqn.params)))(*(x.aval for x in eqn.invars)).eqns
         return call.replace(invars=eqn.invars, outvars=eqn.outvars)
 
     def within(x):
@@ -91,28 +92,40 @@ def _rounded(eqn, own: dict[str, Callable], may_fuse: bool):
     return eqn if all(a is b for a, b in both) else eqn.replace(params=params)
 
 
+def _own(eqn, may_fuse: bool) -> Callable | None:
+    """What stands for an operation, if there is such."""
+    name = eqn.primitive.name
+    if eqn.outvars[0].aval.dtype.kind != "f":
+        return None
+    if name in _SUMS:
+        summed = eqn.params["axes"] if name == "reduce_sum" else eqn.params["dimension_numbers"][0][0]
+        sizes = [eqn.invars[0].aval.shape[k] for k in summed]
+        return _SUMS[name] if check.is_sized(sizes) and 0 < math.prod(sizes) <= MOST_TERMS else None
+    return _FACTORS.get(name) or (None if may_fuse else _ELEMENTWISE.get(name))
+
+
 def _dot_general(x: jax.Array, y: jax.Array, *, dimension_numbers, **_) -> jax.Array:
     (terms_x, terms_y), (batches_x, batches_y) = dimension_numbers
 
-    def factors(x: jax.Array, terms: Sequence[int], batches: Sequence[int]) -> tuple[jax.Array, tuple[int, ...]]:
-        """(terms, batches, what is left), and the shape of the last two."""
-        first = len(terms) + len(batches)
+    def factors(x: jax.Array, terms: Sequence[int], batches: Sequence[int]) -> tuple[jax.Array, list[int]]:
+        """(terms, batches, what is left as one axis), and the sizes of what is left."""
+        n, first = len(terms), len(terms) + len(batches)
         x = jnp.moveaxis(x, (*terms, *batches), range(first))
-        common, rest = x.shape[len(terms) : first], x.shape[first:]
-        return x.reshape((math.prod(x.shape[: len(terms)]), *common, math.prod(rest))), (common, rest)
+        rest = x.shape[first:]
+        return x.reshape((math.prod(x.shape[:n]), *x.shape[n:first], math.prod(rest))), list(rest)
 
-    (a, (common, of_x)), (b, (_, of_y)) = factors(x, terms_x, batches_x), factors(y, terms_y, batches_y)
+    (a, of_x), (b, of_y) = factors(x, terms_x, batches_x), factors(y, terms_y, batches_y)
 
     def term(k: jax.Array | int) -> jax.Array:
         row, column = (lax.dynamic_index_in_dim(f, k, keepdims=False) for f in (a, b))
         return barrier.product(row[..., :, None], column[..., None, :])
 
-    return _total(term, len(a)).reshape((*common, *of_x, *of_y))
+    return _total(term, len(a)).reshape((*a.shape[1:-1], *of_x, *of_y))
 
 
 def _reduce_sum(x: jax.Array, *, axes, **_) -> jax.Array:
-    shape = [n for k, n in enumerate(x.shape) if k not in axes]
-    rows = jnp.moveaxis(x, axes, range(len(axes))).reshape((-1, *shape))
+    rows = jnp.moveaxis(x, axes, range(len(axes)))
+    rows = rows.reshape((math.prod(rows.shape[: len(axes)]), *rows.shape[len(axes) :]))
     return _total(lambda k: lax.dynamic_index_in_dim(rows, k, keepdims=False), len(rows))
 
 
@@ -161,12 +174,8 @@ def _square(x: jax.Array, *, y: int = 2, **_) -> jax.Array:
     return barrier.product(x, x) if y == 2 else lax.integer_pow(x, y)
 
 
-_LOOPS: dict[str, Callable] = {
-    "cholesky": _cholesky,
-    "dot_general": _dot_general,
-    "reduce_sum": _reduce_sum,
-    "triangular_solve": _triangular_solve,
-}
+_FACTORS: dict[str, Callable] = {"cholesky": _cholesky, "triangular_solve": _triangular_solve}
+_SUMS: dict[str, Callable] = {"dot_general": _dot_general, "reduce_sum": _reduce_sum}
 _ELEMENTWISE: dict[str, Callable] = {
     "div": lambda a, b, **_: barrier.quotient(*jnp.broadcast_arrays(a, b)),
     "integer_pow": _square,

@@ -372,7 +372,7 @@ def assert_xla_has_the_bits(f, found, *arrays):
         np.testing.assert_array_equal(lowered.compile()(*arrays)[0], found)
 
 
-# Of x (3, 40) and y (40, 2).
+# Of x (3, 20) and y (20, 2): of at most 64 terms.
 ROUNDED = {
     "product": lambda x, y: x @ y,
     "products over two axes": lambda x, y: jnp.einsum("ij,jk,ij->k", x, y, x),
@@ -389,10 +389,21 @@ ROUNDED = {
 @pytest.mark.parametrize("name", ROUNDED)
 def test_xla_rounds_as_a_graph(name):
     rng = np.random.default_rng(0)
-    f, arrays = ROUNDED[name], [rng.standard_normal((7, *shape)).astype(F32) for shape in ((3, 40), (40, 2))]
+    f, arrays = ROUNDED[name], [rng.standard_normal((7, *shape)).astype(F32) for shape in ((3, 20), (20, 2))]
     (found,) = with_numpy(graph_of(f, *arrays), arrays)
     shape = jax.eval_shape(jax.vmap(f), *arrays).shape
     assert_xla_has_the_bits(jax.vmap(f), found.reshape(shape), *arrays)
+
+
+@pytest.mark.parametrize("n", [0, 64, 65])
+def test_what_xla_adds(n):
+    """Sums of more than 64 terms, and of none: a loop over all states of a batch would take long."""
+    x = np.ones((2, n), F32)
+    closed = xla.rounded_as_in_graphs(jax.make_jaxpr(lambda x: (x.sum(1), x @ x.T))(x), may_fuse=False)
+    lowered = jax.jit(jaxpr_as_fun(closed)).lower(x)
+    assert ("stablehlo.while" in lowered.as_text()) == (n == 64) != ("stablehlo.reduce" in lowered.as_text())
+    total, product = lowered.compile()(x)
+    assert (total == n).all() and (product == n).all()
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])
