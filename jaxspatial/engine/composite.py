@@ -20,6 +20,8 @@ from jaxspatial.numerics.precision import Precision
 class Composite(Algorithm):
     """The program of a function of (precision, scene, *arrays). Its tree is that of ((scene,), arrays)."""
 
+    has_plain_products = True
+
     @property
     def is_wide(self) -> bool:
         """The programs that it calls compute in 64 bits where they need it."""

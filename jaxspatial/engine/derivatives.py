@@ -86,6 +86,7 @@ class Derived(Differentiable):
 
     def __init__(self, program: Differentiable, moving: Moving):
         self.program, self.moving, self.is_wide = program, moving, program.is_wide
+        self.has_plain_products = program.has_plain_products
 
     def from_outside(self, x: jax.Array) -> jax.Array:
         return self.program.from_outside(x)
@@ -248,6 +249,7 @@ class Selection(Differentiable):
 
     def __init__(self, program: Differentiable, wanted: Moving):
         self.program, self.wanted, self.is_wide = program, wanted, program.is_wide
+        self.has_plain_products = program.has_plain_products
 
     def traced(self, avals: Sequence[Aval]) -> Traced:
         """The trace of the whole program, without what is dead now."""

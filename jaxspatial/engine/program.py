@@ -55,6 +55,8 @@ class Program:
     # Whether it computes in 64 bits, whatever the dtype of the caller. Its derivatives are then traced in 64 bits too,
     # and so are programs that take 64-bit numbers from it.
     is_wide = False
+    # Whether products of JAX stand in its trace beside those of formulas, which say themselves how they round.
+    has_plain_products = False
 
     @property
     def may_fuse(self) -> bool:
@@ -133,7 +135,7 @@ class Traced:
         jaxpr, _ = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
-        self.may_fuse = program.may_fuse
+        self.may_fuse = not program.has_plain_products
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         with jax.enable_x64(True):

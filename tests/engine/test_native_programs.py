@@ -20,7 +20,7 @@ from jax.sharding import PartitionSpec as P
 import jaxspatial as js
 from jaxspatial.engine import cpu, graph, llvm_ir, program
 from tests.engine.test_cpu import in_order
-from tests.helpers import exact_dynamics
+from tests.helpers import algorithms, exact_dynamics
 from tests.helpers.marks import slow, slow_but
 from tests.helpers.processes import python
 
@@ -345,6 +345,34 @@ def test_derivatives_of_forward_dynamics_are_one_program():
     x = states(5)
     assert jax.jit(derivatives).lower(*x).compile().as_text().count('custom_call_target="jaxspatial') == 1
     compared(derivatives, *x, ways=["numpy", "xla"])
+
+
+# Of those that need more than one call: calls, and kernels of XLA, at most.
+KERNELS = {
+    "applied_wrenches": (1, 2),
+    "constrained_forward_dynamics": (1, 2),
+    "contact_report": (1, 12),
+    "difference": (2, 0),
+    "interpolate": (2, 1),
+    "inverse_dynamics": (1, 2),
+    "inverse_kinematics": (2, 16),
+    "joint_reactions": (1, 2),
+    "momentum observer": (2, 2),
+}
+EACH = {**algorithms.ALGORITHMS, "mass_matrix_factor": lambda mech, q, v, a: js.mass_matrix_factor(mech, q)}
+LATELY = "close_loops", "constraint_error", "constraint_jacobian", "contact_forces", "mass_matrix_factor"
+OF_XLA = r"= \S+ (?:fusion|dot|while|reduce|scatter|gather|sort|concatenate|transpose|copy|slice|call)\("
+
+
+@pytest.mark.parametrize("name", slow_but(LATELY, EACH))
+def test_an_algorithm_is_one_call(name):
+    """Kernels of XLA between calls write all states to memory, and read them again."""
+    function = functools.partial(EACH[name], algorithms.mechanism())
+    text = jax.jit(function).lower(*algorithms.state((20,))).compile().as_text()
+    entry = text[text.index("ENTRY") :]
+    n_calls, n_others = entry.count('custom_call_target="jaxspatial'), len(re.findall(OF_XLA, entry))
+    most = KERNELS.get(name, (1, 0))
+    assert 0 < n_calls <= most[0] and n_others <= most[1], (n_calls, n_others)
 
 
 def test_constants_do_not_decide_how_many_states_fill_a_register():
