@@ -264,8 +264,8 @@ def close_loops(
         ClosedConfiguration: q (*batch, nq), quaternions of unit length; residual (*batch,): rad or m.
 
     Raises:
-        ValueError: a closure between frames of the same body, or of the world, is open, by numbers that are known while
-            tracing. The residual tells of others. Or iterations is no integer from 0 on.
+        ValueError: iterations is no integer from 0 on; or a closure between frames of the same body, or of the world,
+            is open, by numbers that are known while tracing. The residual tells of others.
 
     Error: the residual, which is as small as the error of `constraint_error` where iterations have converged.
     Source: Fan, Yuan 2005, On the quadratic convergence of the Levenberg-Marquardt method without nonsingularity

@@ -5,7 +5,7 @@ regularized friction; Drake, Multibody, compliant point contact]
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
 import jax.numpy as jnp
@@ -102,7 +102,7 @@ def contact_forces(
     scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
     if not n:
         wrenches = SpatialForce.zero((*batch, 0), dtype)
-    elif contacts.batch_shape or not isinstance(ground, Shape) or ground.batch_shape or ground.calls_functions:
+    elif contacts.batch_shape or calls_functions(ground) or cast(Shape, ground).batch_shape:
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
         wrenches = _wrenches(precision, scene, at_q, at_v, *numbers)
     else:
@@ -238,6 +238,11 @@ def checked_ground(operation: str, ground, q) -> Ground:
         expected = "a HalfSpace, or a function from a point (3,) to a number, above zero outside"
         check.refuse(f"{operation}: ground", expected, ground)
     return ground
+
+
+def calls_functions(ground: Ground) -> bool:
+    """Whether a caller's function is a part of the ground."""
+    return not isinstance(ground, Shape) or ground.calls_functions
 
 
 def normals_and_distances(

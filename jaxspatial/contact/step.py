@@ -13,7 +13,7 @@ from jax import lax
 
 from jaxspatial.contact import newton
 from jaxspatial.contact.closures import are_of_one_body, checked_closures, closure_data, require_closable
-from jaxspatial.contact.explicit import Ground, checked_contacts, checked_ground
+from jaxspatial.contact.explicit import Ground, calls_functions, checked_contacts, checked_ground
 from jaxspatial.contact.joints import joint_data
 from jaxspatial.contact.points import contact_data
 from jaxspatial.contact.tendons import ball_data, tendon_data
@@ -195,7 +195,7 @@ class _Arguments(NamedTuple):
 
     @property
     def calls_functions(self) -> bool:
-        if not isinstance(self.ground, Shape) or self.ground.calls_functions:
+        if calls_functions(self.ground):
             return True
         return any(isinstance(x, ShapeContacts) and x.shape.calls_functions for x in self.pairs or ())
 

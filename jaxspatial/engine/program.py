@@ -135,7 +135,7 @@ class Traced:
         jaxpr, _ = partial_eval.dce_jaxpr(closed.jaxpr, [True] * len(closed.jaxpr.outvars), instantiate=True)
         self.closed = ClosedJaxpr(jaxpr, closed.consts)
         self.out_avals = closed.out_avals
-        self.may_fuse = not program.has_plain_products
+        self.has_plain_products = program.has_plain_products
 
     def __call__(self, *arrays: jax.Array) -> list[jax.Array]:
         with jax.enable_x64(True):
@@ -147,7 +147,7 @@ class Traced:
             return xla.in_parts(self._for_xla(), arrays)
 
     def _for_xla(self) -> ClosedJaxpr:
-        return xla.rounded_as_in_graphs(self.closed, may_fuse=self.may_fuse)
+        return xla.rounded_as_in_graphs(self.closed, self.has_plain_products)
 
     def selected(self, wanted: Sequence[bool]) -> "Traced":
         """The trace of these results alone."""
@@ -155,7 +155,7 @@ class Traced:
         selection = object.__new__(Traced)
         selection.closed = ClosedJaxpr(jaxpr, self.closed.consts)
         selection.out_avals = list(itertools.compress(self.out_avals, wanted))
-        selection.may_fuse = self.may_fuse
+        selection.has_plain_products = self.has_plain_products
         return selection
 
 

@@ -63,36 +63,36 @@ def _with_parts(eqn):
 # -- rounding ----------------------------------------------------------------------------------------------------------
 
 
-def rounded_as_in_graphs(closed: ClosedJaxpr, *, may_fuse: bool) -> ClosedJaxpr:
+def rounded_as_in_graphs(closed: ClosedJaxpr, has_plain_products: bool) -> ClosedJaxpr:
     """A trace whose results have the bits that `graph` gives them.
 
     Products of matrices, Cholesky's method, substitution and sums become loops: XLA, and the libraries that it calls,
-    round them in another order, which differs between machines. Products and quotients are rounded one by one,
-    unless the program may fuse them with sums.
+    round them in another order, which differs between machines. With `has_plain_products` products and quotients of
+    single numbers are rounded before they are added. Formulas say themselves how theirs are rounded.
     """
-    eqns = [_rounded(eqn, may_fuse) for eqn in closed.jaxpr.eqns]
+    eqns = [_rounded(eqn, has_plain_products) for eqn in closed.jaxpr.eqns]
     if all(a is b for a, b in zip(eqns, closed.jaxpr.eqns, strict=True)):
         return closed
     unnamed = closed.jaxpr.debug_info.with_unknown_names()
     return ClosedJaxpr(closed.jaxpr.replace(eqns=eqns, debug_info=unnamed), closed.consts)
 
 
-def _rounded(eqn, may_fuse: bool):
+def _rounded(eqn, has_plain_products: bool):
     """An operation, or a call of what stands for it; the same object where nothing changes."""
-    own = _own(eqn, may_fuse)
+    own = _own(eqn, has_plain_products)
     if own is not None:
         (call,) = jax.make_jaxpr(jax.jit(functools.partial(own, **eqn.params)))(*(x.aval for x in eqn.invars)).eqns
         return call.replace(invars=eqn.invars, outvars=eqn.outvars)
 
     def within(x):
-        return rounded_as_in_graphs(x, may_fuse=may_fuse) if isinstance(x, ClosedJaxpr) else x
+        return rounded_as_in_graphs(x, has_plain_products) if isinstance(x, ClosedJaxpr) else x
 
     params = jax.tree.map(within, eqn.params)
     both = zip(jax.tree.leaves(params), jax.tree.leaves(eqn.params), strict=True)
     return eqn if all(a is b for a, b in both) else eqn.replace(params=params)
 
 
-def _own(eqn, may_fuse: bool) -> Callable | None:
+def _own(eqn, has_plain_products: bool) -> Callable | None:
     """What stands for an operation, if there is such."""
     name = eqn.primitive.name
     if eqn.outvars[0].aval.dtype.kind != "f":
@@ -101,7 +101,7 @@ def _own(eqn, may_fuse: bool) -> Callable | None:
         summed = eqn.params["axes"] if name == "reduce_sum" else eqn.params["dimension_numbers"][0][0]
         sizes = [eqn.invars[0].aval.shape[k] for k in summed]
         return _SUMS[name] if check.is_sized(sizes) and 0 < math.prod(sizes) <= MOST_TERMS else None
-    return _FACTORS.get(name) or (None if may_fuse else _ELEMENTWISE.get(name))
+    return _FACTORS.get(name) or (_ELEMENTWISE.get(name) if has_plain_products else None)
 
 
 def _dot_general(x: jax.Array, y: jax.Array, *, dimension_numbers, **_) -> jax.Array:

@@ -350,7 +350,7 @@ def batch_axis(axis: int, batch_shape: _Shape, operation: str) -> int:
 
 
 def as_count(x: object, name: str, least: int) -> int:
-    """How many there are of something, known while tracing."""
+    """x as an int; refused unless it is an integer from `least` on, known while tracing."""
     try:
         n = operator.index(cast(Any, x))
     except TypeError:

@@ -19,7 +19,6 @@ import ctypes  # noqa: E402
 import functools  # noqa: E402
 import pathlib  # noqa: E402
 import sys  # noqa: E402
-import tempfile  # noqa: E402
 from typing import NamedTuple  # noqa: E402
 
 HERE = pathlib.Path(__file__).parent
@@ -72,12 +71,6 @@ CLAIMS = (
 # -- Pinocchio --------------------------------------------------------------------------------------------------------
 
 
-def load(library, model, frame=0):
-    with tempfile.NamedTemporaryFile(suffix=".bin") as file:
-        model.saveToBinary(file.name)
-        library.load(file.name.encode(), frame)
-
-
 def pointer(x):
     return ctypes.c_void_p(x.ctypes.data)
 
@@ -100,7 +93,7 @@ def of_inverse_kinematics(library, n, rounds):
     robot = peers.ROBOTS["panda"]
     panda = js.Mechanism.from_urdf(robot.urdf.read_text(), dtype=np.float32)
     model = pin.buildModelFromUrdf(str(robot.urdf))
-    load(library, model, model.getFrameId(FRAME))
+    peers.hand_over(model, library, model.getFrameId(FRAME))
     keys = jax.random.split(jax.random.key(0), 2)
     q, reached = (js.random_configuration(panda, key, n) for key in keys)
     X_WT = js.forward_kinematics(panda, reached, FRAME)
@@ -135,7 +128,7 @@ def of_closed_loops(library, name, n, rounds):
     kind = closed_loops.CLOSURES[name][2]
     exact = closed_loops.closed(name, n)
     model = pinocchio_closures.model(exact.model)
-    load(library, model)
+    peers.hand_over(model, library, 0)
     for x in pinocchio_closures.closures(model, exact.model, kind):
         of_a, of_b = numbers_of(x.joint1_placement), numbers_of(x.joint2_placement)
         library.add_closure(int(kind == "weld"), x.joint1_id, pointer(of_a), x.joint2_id, pointer(of_b))

@@ -171,14 +171,19 @@ def load_pinocchio(library, robot):
 
     root = (pin.JointModelFreeFlyer(),) if robot.floating_base else ()
     model = pin.buildModelFromUrdf(str(robot.urdf), *root)
-    with tempfile.NamedTemporaryFile(suffix=".bin") as file:
-        model.saveToBinary(file.name)
-        library.load(file.name.encode(), model.getFrameId(robot.tip))
+    hand_over(model, library, model.getFrameId(robot.tip))
     nq, nv, n = model.nq, model.nv, model.njoints - 1
     sizes = {INVERSE: nv, FORWARD: nv, MASS: nv * nv, KINEMATICS: 12 * n, JACOBIAN: 6 * nv}
     sizes |= {INVERSE_DERIVATIVES: 3 * nv * nv, FORWARD_DERIVATIVES: 3 * nv * nv}
     sizes |= {GRADIENT: 3 * nv, BY_INERTIAS: 0, STEP: nq + nv, **dict.fromkeys(PRODUCTS, nv)}
     return model, Library(library.run, sizes, 10 * n)
+
+
+def hand_over(model, library, frame):
+    """Gives Pinocchio's model in Python to a library, with the frame of its Jacobians."""
+    with tempfile.NamedTemporaryFile(suffix=".bin") as file:
+        model.saveToBinary(file.name)
+        library.load(file.name.encode(), frame)
 
 
 def load_mujoco(library, robot):

@@ -366,7 +366,7 @@ def assert_xla_has_the_bits(f, found, *arrays):
         return lax.fori_loop(0, 1, lambda _, x: x + f(*arrays), jnp.zeros(found.shape, found.dtype))
 
     for g in (f, in_a_loop):
-        closed = xla.rounded_as_in_graphs(jax.make_jaxpr(g)(*arrays), may_fuse=False)
+        closed = xla.rounded_as_in_graphs(jax.make_jaxpr(g)(*arrays), has_plain_products=True)
         lowered = jax.jit(jaxpr_as_fun(closed)).lower(*arrays)
         assert all(name not in lowered.as_text() for name in ("lapack", "stablehlo.dot"))
         np.testing.assert_array_equal(lowered.compile()(*arrays)[0], found)
@@ -399,7 +399,7 @@ def test_xla_rounds_as_a_graph(name):
 def test_what_xla_adds(n):
     """Sums of more than 64 terms, and of none: a loop over all states of a batch would take long."""
     x = np.ones((2, n), F32)
-    closed = xla.rounded_as_in_graphs(jax.make_jaxpr(lambda x: (x.sum(1), x @ x.T))(x), may_fuse=False)
+    closed = xla.rounded_as_in_graphs(jax.make_jaxpr(lambda x: (x.sum(1), x @ x.T))(x), has_plain_products=True)
     lowered = jax.jit(jaxpr_as_fun(closed)).lower(x)
     assert ("stablehlo.while" in lowered.as_text()) == (n == 64) != ("stablehlo.reduce" in lowered.as_text())
     total, product = lowered.compile()(x)

@@ -360,11 +360,11 @@ KERNELS = {
     "momentum observer": (2, 2),
 }
 EACH = {**algorithms.ALGORITHMS, "mass_matrix_factor": lambda mech, q, v, a: js.mass_matrix_factor(mech, q)}
-LATELY = "close_loops", "constraint_error", "constraint_jacobian", "contact_forces", "mass_matrix_factor"
+QUICK = "close_loops", "constraint_error", "constraint_jacobian", "contact_forces", "mass_matrix_factor"
 OF_XLA = r"= \S+ (?:fusion|dot|while|reduce|scatter|gather|sort|concatenate|transpose|copy|slice|call)\("
 
 
-@pytest.mark.parametrize("name", slow_but(LATELY, EACH))
+@pytest.mark.parametrize("name", slow_but(QUICK, EACH))
 def test_an_algorithm_is_one_call(name):
     """Kernels of XLA between calls write all states to memory, and read them again."""
     function = functools.partial(EACH[name], algorithms.mechanism())
