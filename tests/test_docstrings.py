@@ -35,7 +35,7 @@ def _methods(cls, folder=None):
         for name, member in vars(base).items():
             function = getattr(member, "__func__", member)
             is_own = inspect.isfunction(function) and function.__module__.startswith("jaxspatial")
-            if name[0] != "_" and is_own and not getattr(found.get(name), "__doc__", None):
+            if name[0] != "_" and is_own and not (name in found and found[name].__doc__):
                 found[name] = function
     return {f"{cls.__name__}.{name}": function for name, function in found.items()}
 

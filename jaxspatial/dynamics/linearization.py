@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jax import lax
 
 from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.dynamics.composite_bodies import factored, solver
@@ -200,7 +201,8 @@ def _forward_derivatives_of_many(precision: Precision, scene: Scene, q, v, tau, 
     """By a library's Cholesky method."""
     dq, dv, M = _at_accelerations(precision, scene, q, v, tau, forces)
     inverse = factored(M).inverse()
-    return -(inverse @ dq), -(inverse @ dv), inverse
+    times = functools.partial(jnp.matmul, inverse, precision=lax.Precision.HIGHEST)
+    return -times(dq), -times(dv), inverse
 
 
 def _at_accelerations(precision: Precision, scene: Scene, q, v, tau, forces) -> InverseDynamicsDerivatives:

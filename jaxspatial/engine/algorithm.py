@@ -403,13 +403,15 @@ _WITHOUT_CONSTANTS: dict[Any, ProgramCache] = {}
 _BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[Any, ...], ProgramCache]] = weakref.WeakKeyDictionary()
 
 
-def program_cache(mechanism: Mechanism, reads: tuple, tree, leaves: Sequence) -> ProgramCache:
-    of_mechanism = _BY_MECHANISM.setdefault(mechanism, {})
+def program_cache(mechanism: Mechanism | None, reads: tuple, tree, leaves: Sequence) -> ProgramCache:
+    """The cache of programs for the fields of a mechanism; None: of programs without one."""
+    topology = None if mechanism is None else mechanism.topology.skeleton
+    of_mechanism: dict = {} if mechanism is None else _BY_MECHANISM.setdefault(mechanism, {})
     if reads in of_mechanism:
         return of_mechanism[reads]
     known = tuple(x if isinstance(x, np.ndarray) else None for x in leaves)
-    key = mechanism.topology.skeleton, tree, tuple(map(contents, known))
-    cache = _CACHES.setdefault(key, ProgramCache(mechanism.topology.skeleton, known))
+    key = topology, tree, tuple(map(contents, known))
+    cache = _CACHES.setdefault(key, ProgramCache(topology, known))
     if not any(x is not None for x in known):
         _WITHOUT_CONSTANTS[key] = cache
     # Arrays that can be written to are compared in each call: their entry only keeps the cache alive.

@@ -53,9 +53,9 @@ class Composite(Algorithm):
 def composite(function: Callable) -> Callable[..., Any]:
     """Turns `function(precision, scene, *arrays, **static)` into one program, over a batch.
 
-    scene: a tuple of a Mechanism and other trees. Its NumPy numbers are constants of the program. arrays: trees of
-    arrays (*batch, n), None for nothing; batch shapes broadcast. static: hashable arguments. The results are trees of
-    arrays of one state.
+    scene: a tuple of a Mechanism and other trees, or an empty one. Its NumPy numbers are constants of the program.
+    arrays: trees of arrays (*batch, n), None for nothing; batch shapes broadcast. static: hashable arguments. The
+    results are trees of arrays of one state.
     """
     vars(function).update(program_class=Composite, result_shape=None)
 
@@ -68,7 +68,7 @@ def composite(function: Callable) -> Callable[..., Any]:
         batch = check.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n:]))
         own = jax.tree.leaves(scene[1:])
         key = "composite", of_scene, *(contents(x) for x in own if isinstance(x, np.ndarray))
-        cache = program_cache(scene[0], key, of_scene, leaves[:n])
+        cache = program_cache(scene[0] if scene else None, key, of_scene, leaves[:n])
         known = [x if tracing and isinstance(x, np.ndarray) and x.ndim == 1 else None for x in leaves[n:]]
         known = (*cache.known, *known)
         dtype = np.dtype(leaves[n].dtype)

@@ -1106,6 +1106,11 @@ class Writer:
             return [f"{{0}}.product = fmul {t} {{1}}, {{2}}", f"{{0}} = fadd {t} {{0}}.product, {{3}}"]
         if name == "fma":
             return [f"{{0}} = {self.call(f'llvm.fma.{self.suffix(dtype)}', t, (t, '{1}'), (t, '{2}'), (t, '{3}'))}"]
+        if name == "rem" and dtype.kind == "f":
+            # What libraries of C make of a subnormal divisor that counts as 0 differs: here it is NaN, as of 0.
+            is_none, nan = f"fcmp oeq {t} {{2}}, zeroinitializer", self.literal(np.nan, dtype)
+            rest = [f"{{0}}.none = {is_none}", f"{{0}}.rest = frem {t} {{1}}, {{2}}"]
+            return [*rest, f"{{0}} = select {self.type(np.dtype(bool))} {{0}}.none, {t} {nan}, {t} {{0}}.rest"]
         if name in ("add", "sub", "mul", "div", "rem", "and", "or", "xor", *_SHIFTS):
             text = f"{_instruction(name, dtype)} {t} {{1}}, {{2}}"
         elif name in COMPARISONS:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import jaxspatial as js
+from jaxspatial.dynamics.composite_bodies import MassMatrixFactor
 from jaxspatial.dynamics.configuration import transport
 from jaxspatial.mechanism.joints import KINDS
 from tests.helpers import marks, tangents
@@ -325,6 +326,22 @@ def test_factors_of_the_mass_matrix():
     np.testing.assert_allclose(solved, a, atol=allowed * abs(a).max())
     np.testing.assert_allclose(inverse @ M, np.broadcast_to(np.eye(M.shape[-1]), M.shape), atol=allowed)
     np.testing.assert_allclose(log_determinant, np.linalg.slogdet(M)[1], rtol=allowed)
+
+
+@pytest.mark.parametrize("n", [1, 63, 64])
+def test_factors_of_any_size_solve(n):
+    """Those of at most 63 velocities by machine code, with derivatives."""
+    rng = np.random.default_rng(n)
+    L = np.tril(rng.standard_normal((2, n, n)) / n, -1) + np.eye(n)
+    x, rate = rng.standard_normal((2, 2, n))
+    with jax.enable_x64(True):
+        solved, moved = jax.jvp(lambda L: MassMatrixFactor(L).solve(x), (L,), (rate[..., None] * L,))
+    M = L.transpose(0, 2, 1) @ L
+    M_dot = L.transpose(0, 2, 1) @ (rate[..., None] * L) * 2
+    expected = np.linalg.solve(M, x[..., None])
+    np.testing.assert_allclose(solved, expected[..., 0], atol=1e-13 * abs(expected).max())
+    M_dot = (M_dot + M_dot.transpose(0, 2, 1)) / 2
+    np.testing.assert_allclose(moved, -np.linalg.solve(M, M_dot @ expected)[..., 0], atol=1e-12 * abs(moved).max())
 
 
 @trees

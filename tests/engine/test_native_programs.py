@@ -358,9 +358,11 @@ KERNELS = {
     "inverse_kinematics": (2, 16),
     "joint_reactions": (1, 2),
     "momentum observer": (2, 2),
+    "of a factor": (2, 0),
 }
-EACH = {**algorithms.ALGORITHMS, "mass_matrix_factor": lambda mech, q, v, a: js.mass_matrix_factor(mech, q)}
-QUICK = "close_loops", "constraint_error", "constraint_jacobian", "contact_forces", "mass_matrix_factor"
+EACH = {**algorithms.ALGORITHMS, "of a factor": algorithms.ALGORITHMS["mass_matrix_factor"]}
+EACH["mass_matrix_factor"] = lambda mech, q, v, a: js.mass_matrix_factor(mech, q)
+QUICK = "close_loops", "constraint_error", "constraint_jacobian", "contact_forces", "mass_matrix_factor", "of a factor"
 OF_XLA = r"= \S+ (?:fusion|dot|while|reduce|scatter|gather|sort|concatenate|transpose|copy|slice|call)\("
 
 

@@ -98,8 +98,10 @@ def _imported(tree, found):
             else:
                 try:
                     yield alias.asname or alias.name, importlib.import_module(f"{of}.{alias.name}")
-                except ImportError:
-                    found += [f"{of} has no {alias.name}"] if of.partition(".")[0] == "jaxspatial" else []
+                except ModuleNotFoundError as error:
+                    # Otherwise a library that it needs is not installed.
+                    is_missing = error.name == f"{of}.{alias.name}" and of.partition(".")[0] == "jaxspatial"
+                    found += [f"{of} has no {alias.name}"] if is_missing else []
 
 
 def _chain(node):
