@@ -108,7 +108,7 @@ def constraint_error(
         [-0.7749  0.     -1.8329]
     """
     q, closures, distances = _checked("constraint_error", mechanism, loops, q=q)
-    return _error(resolve(precision), (mechanism, closures), q, distances)
+    return _constraint_error(resolve(precision), (mechanism, closures), q, distances)
 
 
 def constraint_jacobian(
@@ -148,7 +148,7 @@ def constraint_jacobian(
         True
     """
     q, closures, distances = _checked("constraint_jacobian", mechanism, loops, q=q)
-    return _jacobian(resolve(precision), (mechanism, closures), q, distances)
+    return _constraint_jacobian(resolve(precision), (mechanism, closures), q, distances)
 
 
 def constrained_forward_dynamics(
@@ -226,7 +226,7 @@ def constrained_forward_dynamics(
         k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
     if closures and mechanism.nv:
-        return _constrained(resolve(precision), (mechanism, closures), q, v, tau, k, forces, distances)
+        return _constrained_forward_dynamics(resolve(precision), (mechanism, closures), q, v, tau, k, forces, distances)
     # Without velocities nothing moves whatever the wrenches are.
     vdot = forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
     batch = check.broadcast_shapes(vdot.shape[:-1], *(x.shape[:-1] for x in jax.tree.leaves((distances, k))))
@@ -298,13 +298,17 @@ def _checked(operation: str, mechanism: Mechanism, loops, **arguments) -> tuple:
 # -- errors and rows --------------------------------------------------------------------------------------------------
 
 
+# What the programs of closures know while tracing.
+Scene = tuple[Mechanism, tuple[LoopClosure, ...]]
+
+
 @composite
-def _error(precision: Precision, scene: tuple[Mechanism, tuple[LoopClosure, ...]], q, distances: Sequence[Any]):
+def _constraint_error(precision: Precision, scene: Scene, q, distances: Sequence[Any]):
     return errors_of(LoopsOfState(*scene, distances, precision.value).placed(q), q.dtype)
 
 
 @composite
-def _jacobian(precision: Precision, scene: tuple[Mechanism, tuple[LoopClosure, ...]], q, distances: Sequence[Any]):
+def _constraint_jacobian(precision: Precision, scene: Scene, q, distances: Sequence[Any]):
     loops = LoopsOfState(*scene, distances, precision.value)
     return loops.jacobian(q, loops.placed(q)).J
 
@@ -313,9 +317,9 @@ def _jacobian(precision: Precision, scene: tuple[Mechanism, tuple[LoopClosure, .
 
 
 @composite
-def _constrained(
+def _constrained_forward_dynamics(
     precision: Precision,
-    scene: tuple[Mechanism, tuple[LoopClosure, ...]],
+    scene: Scene,
     q,
     v,
     tau,
@@ -411,9 +415,9 @@ class _Closed(NamedTuple):
 
 
 @composite
-def _nearest(
+def _close_loops(
     precision: Precision,
-    scene: tuple[Mechanism, tuple[LoopClosure, ...]],
+    scene: Scene,
     q: jax.Array,
     distances: Sequence[Any],
     *,
@@ -463,7 +467,7 @@ def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
         left = jnp.abs(errors_of(loops.placed(q), q.dtype))
         return ClosedConfiguration(q, jnp.max(left) if loops.closures else jnp.zeros((), q.dtype))
     mechanism, start, distances = fixed((mechanism, q, loops.distances))
-    found = _nearest(resolve(precision), (mechanism, loops.closures), start, distances, iterations=iterations)
+    found = _close_loops(resolve(precision), (mechanism, loops.closures), start, distances, iterations=iterations)
     # For derivatives the last step is taken again, and here the start and all numbers vary. What it leaves is of second
     # order in their changes, and of the step after it the second order is that of a step along constant rows.
     moved = integrate(mechanism, q, difference(mechanism, start, found.end, precision=precision), precision=precision)

@@ -95,22 +95,22 @@ def contact_forces(
     for name, x in own.items():
         if x.shape[-1:] not in ((), (n,)):
             raise ValueError(f"{what}: {name}: expected a number, or shape (*batch, {n}), got {x.shape}")
-    check.require_same_dtype(contacts=at_q, **own)
+    check.require_same_dtype(q=at_q, **own)
     if isinstance(own["stiction_speed"], np.ndarray) and (own["stiction_speed"] <= 0).any():
         raise ValueError(f"{what}: stiction_speed: expected numbers above 0, got {stiction_speed}")
-    batch = check.common_batch_shape(contacts=batch, **{name: x.shape[:-1] for name, x in own.items()})
+    batch = check.common_batch_shape(**{"q, v and contacts": batch}, **{name: x.shape[:-1] for name, x in own.items()})
     scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
     if not n:
         wrenches = SpatialForce.zero((*batch, 0), dtype)
     elif contacts.batch_shape or calls_functions(ground) or cast(Shape, ground).batch_shape:
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        wrenches = _wrenches(precision, scene, at_q, at_v, *numbers)
+        wrenches = _contact_forces(precision, scene, at_q, at_v, *numbers)
     else:
         wrenches = _as_one_program(resolve(precision), scene, at_q, at_v, *numbers)
     return AppliedForces(contacts.frames, wrenches, contacts.positions)
 
 
-def _wrenches(
+def _contact_forces(
     precision: PrecisionName, scene: tuple[Mechanism, PointContacts, Ground], q, v, d: jax.Array, v_s: jax.Array
 ) -> SpatialForce:
     """`contact_forces` of arrays, of some contacts."""
@@ -120,7 +120,7 @@ def _wrenches(
     return SpatialForce(*_forces(precision, at.normals, at.velocities, at.offsets, *numbers))
 
 
-_as_one_program = composite(_wrenches)
+_as_one_program = composite(_contact_forces)
 
 
 @formula
@@ -225,6 +225,34 @@ def checked_contacts(operation: str, contacts, name: str = "contacts") -> PointC
     if not isinstance(contacts, PointContacts):
         check.refuse(f"{operation}: {name}", "PointContacts", contacts)
     return check.narrowed(contacts)
+
+
+def checked_pairs(
+    operation: str, mechanism: Mechanism, q, pairs: Any
+) -> tuple[PointContacts | ShapeContacts, PointContacts] | None:
+    """The pairs, as JAX computes with them; None where there are none."""
+    what = f"{operation}: pairs"
+    if not isinstance(pairs, tuple) or len(pairs) != 2:
+        check.refuse(what, "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
+    is_shape = isinstance(pairs[0], ShapeContacts)
+    a = check.narrowed(pairs[0]) if is_shape else checked_contacts(operation, pairs[0], "pairs")
+    b = checked_contacts(operation, pairs[1], "pairs")
+    for x in (a, b):
+        check.require_same_dtype(q=q, pairs=x)
+    if len(a.frames) != len(b.frames):
+        raise ValueError(f"{what}: expected as many of one as of the other, got {len(a.frames)} and {len(b.frames)}")
+    of_each = zip(a.frames, b.frames, *(bodies_of(what, mechanism, x) for x in (a, b)), strict=True)
+    for one, other, body, of_other in of_each:
+        if body == of_other:
+            of = "of the world" if body < 0 else "of one"
+            raise ValueError(f"{what}: expected frames of two bodies, got {one!r} and {other!r}, {of}")
+    return (a, b) if a.frames else None
+
+
+def bodies_of(what: str, mechanism: Mechanism, contacts: PointContacts | ShapeContacts) -> list[int]:
+    """The number of the body that carries each frame, -1 for the world."""
+    t = mechanism.topology
+    return [t.frames[t.index(mechanism.frame_names, frame, what)][1] for frame in contacts.frames]
 
 
 def checked_ground(operation: str, ground, q) -> Ground:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxspatial.contact.explicit import (
     ContactGeometry,
     Ground,
-    checked_contacts,
+    checked_pairs,
     contact_geometry,
     point_motions,
 )
@@ -39,7 +39,7 @@ class ContactReport(NamedTuple):
     depths: (*batch, n) how far the surfaces are inside one another, m; below zero apart.
     approach: (*batch, n) how fast they come together along the normal, m/s.
     slip: (*batch, n, 3) how fast the body slides along the ground, or that of b along that of a, m/s.
-    touches: (*batch, n) whether the depth is not below zero: which contacts a step takes part in.
+    touches: (*batch, n) whether the depth is not below zero: these contacts take part in a step.
     sticks: (*batch, n) whether it pushes with a friction below its largest; None without forces.
 
     Example:
@@ -121,14 +121,9 @@ def contact_report(
     if contacts is not None:
         parts.append(contact_geometry(what, mechanism, at_q, at_v, contacts, ground, precision))
         friction.append(jnp.broadcast_to(check.narrowed(contacts).friction, parts[-1].depth.shape))
-    if pairs is not None:
-        if not isinstance(pairs, tuple) or len(pairs) != 2:
-            check.refuse(f"{what}: pairs", "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
-        a, b = pairs
-        a = check.narrowed(a) if isinstance(a, ShapeContacts) else checked_contacts(what, a, "pairs")
-        b = checked_contacts(what, b, "pairs")
-        check.require_same_dtype(q=at_q, pairs=a)
-        check.require_same_dtype(q=at_q, pairs=b)
+    a_and_b = None if pairs is None else checked_pairs(what, mechanism, at_q, pairs)
+    if a_and_b is not None:
+        a, b = a_and_b
         parts.append(_between(mechanism, at_q, at_v, a, b, precision))
         friction.append(jnp.broadcast_to(harmonic_mean(a.friction, b.friction), parts[-1].depth.shape))
     if not parts:

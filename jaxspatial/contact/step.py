@@ -13,7 +13,14 @@ from jax import lax
 
 from jaxspatial.contact import newton
 from jaxspatial.contact.closures import are_of_one_body, checked_closures, closure_data, require_closable
-from jaxspatial.contact.explicit import Ground, calls_functions, checked_contacts, checked_ground
+from jaxspatial.contact.explicit import (
+    Ground,
+    bodies_of,
+    calls_functions,
+    checked_contacts,
+    checked_ground,
+    checked_pairs,
+)
 from jaxspatial.contact.joints import joint_data
 from jaxspatial.contact.points import contact_data
 from jaxspatial.contact.tendons import ball_data, tendon_data
@@ -24,7 +31,6 @@ from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
 from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts, ShapeContacts
-from jaxspatial.mechanism.parts import WORLD
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import quotient
@@ -245,35 +251,18 @@ def _checked(mechanism: Mechanism, q, contacts: Any, ground, pairs: Any, loops) 
     what = "convex_step"
     ground = checked_ground(what, ground, q)
     if contacts is not None:
-        contacts = _checked_contacts(mechanism, q, contacts, "contacts")
-        for frame in contacts.frames:
-            if mechanism.frame_body(frame) == WORLD:
+        contacts = checked_contacts(what, contacts)
+        check.require_same_dtype(q=q, contacts=contacts)
+        for frame, body in zip(contacts.frames, bodies_of(f"{what}: contacts", mechanism, contacts), strict=True):
+            if body < 0:
                 got = f"{frame!r}, of the world, which pairs may have"
                 raise ValueError(f"{what}: contacts: expected frames of moving bodies, got {got}")
-    if pairs is not None:
-        if not isinstance(pairs, tuple) or len(pairs) != 2:
-            check.refuse(f"{what}: pairs", "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
-        pairs = [_checked_contacts(mechanism, q, x, "pairs", i == 0) for i, x in enumerate(pairs)]
-        a, b = (x.frames for x in pairs)
-        if len(a) != len(b):
-            raise ValueError(f"{what}: pairs: expected as many of one as of the other, got {len(a)} and {len(b)}")
-        for one, other in zip(a, b, strict=True):
-            if mechanism.frame_body(one) == mechanism.frame_body(other):
-                of = "of the world" if mechanism.frame_body(one) == WORLD else "of one"
-                raise ValueError(f"{what}: pairs: expected frames of two bodies, got {one!r} and {other!r}, {of}")
-        pairs = tuple(pairs) if a else None
+    pairs = None if pairs is None else checked_pairs(what, mechanism, q, pairs)
     closures, distances = checked_closures(what, mechanism, loops, q.dtype)
     require_closable(what, mechanism, closures, distances, q.dtype)
     return _Arguments(
         contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances
     )
-
-
-def _checked_contacts(mechanism: Mechanism, q, contacts, name: str, may_be_shapes: bool = False) -> Any:
-    is_shape = may_be_shapes and isinstance(contacts, ShapeContacts)
-    contacts = check.narrowed(contacts) if is_shape else checked_contacts("convex_step", contacts, name)
-    check.require_same_dtype(q=q, **{name: contacts})
-    return contacts
 
 
 def _step(
@@ -302,11 +291,11 @@ def _step(
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
     if given.batch_shape or given.calls_functions:
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        return _solved_step(precision, (mechanism, given), q, v, tau, h, forces)
+        return _convex_step(precision, (mechanism, given), q, v, tau, h, forces)
     return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
 
 
-def _solved_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], q, v, tau, h, forces) -> ConvexStep:
+def _convex_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], q, v, tau, h, forces) -> ConvexStep:
     """`_step` where something may act."""
     mechanism, given = scene
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
@@ -329,7 +318,7 @@ def _solved_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], 
     return ConvexStep(next_q, next_v, pushed.get("contacts"), wrenches, residual, iterations)
 
 
-_as_one_program = composite(_solved_step)
+_as_one_program = composite(_convex_step)
 
 
 def _by_way_of_float32(
@@ -337,7 +326,8 @@ def _by_way_of_float32(
 ) -> ConvexStep:
     """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
     narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
-    mechanism, state, h, forces, given = _with_dtype((mechanism, state, h, forces, given), narrow, wide)
+    state, h, forces, given = _with_dtype((state, h, forces, given), narrow, wide)
+    mechanism = mechanism.in_float32
     if not isinstance(ground, Shape):
         given = given._replace(ground=lambda p: jnp.asarray(ground(p.astype(narrow))).astype(wide))
     return _with_dtype(_step(mechanism, state, h, h[..., 0], forces, given, precision), wide, narrow)

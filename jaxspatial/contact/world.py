@@ -298,7 +298,7 @@ class World:
             for body, M in zip(bodies, self.composites, strict=True)
         ]
 
-    @property
+    @functools.cached_property
     def diagonal(self) -> Number:
         """The diagonal of A (nv, B)."""
         if self.state.topology.has_mimics:

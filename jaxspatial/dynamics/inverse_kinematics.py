@@ -132,7 +132,7 @@ def inverse_kinematics(
     names = (frames,) if isinstance(frames, str) else tuple(frames)
     still, start, given = fixed((mechanism, jnp.broadcast_to(start, (*batch, start.shape[-1])), flat))
     numbers = {"names": names, "iterations": iterations, "angle": float(angle), "distance": float(distance)}
-    approach = functools.partial(_approach, resolve(precision), (still,), **numbers)
+    approach = functools.partial(_inverse_kinematics, resolve(precision), (still,), **numbers)
     best = approach(start, given, None)
     if starts > 1:
 
@@ -291,7 +291,7 @@ def _size(error: SpatialVelocity, angle: float, distance: float) -> jax.Array:
 
 
 @composite
-def _approach(
+def _inverse_kinematics(
     precision: Precision,
     scene: tuple[Mechanism],
     q: jax.Array,

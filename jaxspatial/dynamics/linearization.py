@@ -182,7 +182,8 @@ def forward_dynamics_derivatives(
         return ForwardDynamicsDerivatives(*_at_accelerations(*at))
     sizes = map(len, mechanism.topology.velocity_carriers)
     is_short = sum(n * (n + 1) // 2 for n in sizes) <= _MOST_PRODUCTS
-    return ForwardDynamicsDerivatives(*(_forward_derivatives if is_short else _forward_derivatives_of_many)(*at))
+    derivatives_of = _forward_dynamics_derivatives if is_short else _derivatives_of_many_velocities
+    return ForwardDynamicsDerivatives(*derivatives_of(*at))
 
 
 # The products of one factorisation that are written out, one by one, in a program of machine code: more take longer to
@@ -191,13 +192,13 @@ _MOST_PRODUCTS = 4000
 
 
 @composite
-def _forward_derivatives(precision: Precision, scene: Scene, q, v, tau, forces) -> tuple[jax.Array, ...]:
+def _forward_dynamics_derivatives(precision: Precision, scene: Scene, q, v, tau, forces) -> tuple[jax.Array, ...]:
     dq, dv, M = _at_accelerations(precision, scene, q, v, tau, forces)
     solve = solver(scene[0].topology, M, precision)
     return -solve(dq), -solve(dv), solve(jnp.eye(*M.shape, dtype=M.dtype))
 
 
-def _forward_derivatives_of_many(precision: Precision, scene: Scene, q, v, tau, forces) -> tuple[jax.Array, ...]:
+def _derivatives_of_many_velocities(precision: Precision, scene: Scene, q, v, tau, forces) -> tuple[jax.Array, ...]:
     """By a library's Cholesky method."""
     dq, dv, M = _at_accelerations(precision, scene, q, v, tau, forces)
     inverse = factored(M).inverse()

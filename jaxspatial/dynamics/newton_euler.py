@@ -37,11 +37,11 @@ def _inward(
     step: Step[tuple[Link, Wrench], Wrench, R],
 ) -> list[R]:
     """Net wrenches outward, then the inward step from (a body, its net wrench) and the sum of its children's."""
-    links = list(zip(state.links(v, vdot), body_loads, strict=True))
+    links = state.links(v, vdot)
     world = BodyMotion(state.zero_vector, state.zero_vector, gravity)
-    wrenches = recursion.outward(state, _net_wrench, world, links)
+    wrenches = recursion.outward(state, _net_wrench, world, list(zip(links, body_loads, strict=True)))
     nothing = Wrench(state.zero_vector, state.zero_vector)
-    return recursion.inward(state, step, nothing, list(zip(state.links(v, vdot), wrenches, strict=True)))
+    return recursion.inward(state, step, nothing, list(zip(links, wrenches, strict=True)))
 
 
 def _net_wrench(body: tuple[Link, Load], parent: BodyMotion) -> tuple[Wrench, BodyMotion]:

@@ -115,11 +115,11 @@ def semi_implicit_step(
     )
     if not mechanism.nv:
         return at_rest(q, v, tau, h, forces)
-    return _semi_implicit(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, forces)
+    return _semi_implicit_step(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, forces)
 
 
 @composite
-def _semi_implicit(
+def _semi_implicit_step(
     precision: Precision, scene: Scene, q: Checked, v: Checked, tau: Checked, h: jax.Array, forces: Checked
 ) -> tuple[jax.Array, jax.Array]:
     mechanism, compliance = scene
@@ -261,11 +261,12 @@ def symplectic_step(
     iterations = check.as_count(iterations, "symplectic_step: iterations", 0)
     if not mechanism.nv:
         return at_rest(*at, h, forces)
-    return _variational(resolve(precision), _scene(mechanism, at[1], compliance), *at, h, forces, iterations=iterations)
+    scene = _scene(mechanism, at[1], compliance)
+    return _variational_step(resolve(precision), scene, *at, h, forces, iterations=iterations)
 
 
 @composite
-def _variational(
+def _variational_step(
     precision: Precision,
     scene: Scene,
     q: Checked,
@@ -377,11 +378,11 @@ def rk4_step(
     q, v, tau, h, external = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
         return at_rest(q, v, tau, h, external)
-    return _rk4(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, external)
+    return _rk4_step(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, external)
 
 
 @composite
-def _rk4(
+def _rk4_step(
     precision: Precision, scene: Scene, q: Checked, v: Checked, tau: Checked, h: jax.Array, external: Checked
 ) -> tuple[jax.Array, jax.Array]:
     mechanism, compliance = scene

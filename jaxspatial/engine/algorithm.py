@@ -105,7 +105,7 @@ def algorithm(
         def call(precision, mechanism: Mechanism, *arrays, operation: str = name, **static):
             arguments = checked(operation, mechanism, **dict(zip(names, arrays, strict=False)), **static)
             options = tuple(sorted(zip(static, arguments[len(arrays) :], strict=True)))
-            return _run(formula, resolve(precision), mechanism, reads, arguments[: len(arrays)], options)
+            return _run(operation, formula, resolve(precision), mechanism, reads, arguments[: len(arrays)], options)
 
         vars(call).update(formula=formula)
         return call
@@ -421,6 +421,7 @@ def program_cache(mechanism: Mechanism | None, reads: tuple, tree, leaves: Seque
 
 
 def _run(
+    operation: str,
     formula,
     precision: Precision,
     mechanism: Mechanism,
@@ -458,7 +459,7 @@ def _run(
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), results)
     if tracing:
         return compiled(data, n_batch)
-    _warn_of_many_programs(cache, (formula, tree, static, compiled.dtype))
+    warn_of_many_programs(operation, cache, (formula, tree, static, compiled.dtype))
     return cache.call(compiled)(n_batch, data)
 
 
@@ -468,18 +469,20 @@ def with_batch_axes(x, is_field: bool, n_batch: int):
     return x.reshape(shape) if shape != x.shape else x
 
 
-def _warn_of_many_programs(cache: ProgramCache, key) -> None:
-    """Warns once when one algorithm is compiled for the constants of a fourth mechanism."""
+def warn_of_many_programs(operation: str, cache: ProgramCache, key: tuple) -> None:
+    """Warns once when one algorithm is compiled for the constants of a fourth mechanism.
+
+    key: the formula, and what else of a program does not depend on these constants.
+    """
     if key in cache.called:
         return
     cache.called.add(key)
     if not any(x is not None for x in cache.known):
         return
-    same = [c for c in _CACHES.values() if c.topology == cache.topology and key in c.called]
+    same = [c for ref in _CACHES.valuerefs() if (c := ref()) and c.topology == cache.topology and key in c.called]
     if len(same) == 4:
-        name = key[0].__name__.lstrip("_")
         warnings.warn(
-            f"{name}: compiled for the fourth mechanism of one structure, each for its own numbers. One program "
+            f"{operation}: compiled for the fourth mechanism of one structure, each for its own numbers. One program "
             "for all of them: mechanism.as_data(), or a jitted function that takes the mechanism as an argument.",
             ManyProgramsWarning,
             stacklevel=5,

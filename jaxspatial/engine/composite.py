@@ -12,7 +12,7 @@ import numpy as np
 from jax.core import Tracer
 
 from jaxspatial.engine import program
-from jaxspatial.engine.algorithm import Algorithm, contents, program_cache, with_batch_axes
+from jaxspatial.engine.algorithm import Algorithm, contents, program_cache, warn_of_many_programs, with_batch_axes
 from jaxspatial.numerics import check
 from jaxspatial.numerics.precision import Precision
 
@@ -74,6 +74,11 @@ def composite(function: Callable) -> Callable[..., Any]:
         dtype = np.dtype(leaves[n].dtype)
         made = cache.program(function, precision, tree, known, tuple(sorted(static.items())), dtype)
         data = [with_batch_axes(x, i < n, len(batch)) for i, x in enumerate(leaves) if known[i] is None]
-        return made(cast(Any, data), len(batch)) if tracing else cache.call(made)(len(batch), data)
+        if tracing:
+            return made(cast(Any, data), len(batch))
+        warn_of_many_programs(
+            function.__name__.lstrip("_"), cache, (function, tree, tuple(sorted(static.items())), dtype)
+        )
+        return cache.call(made)(len(batch), data)
 
     return call

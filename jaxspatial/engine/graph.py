@@ -883,6 +883,9 @@ class _Builder:
             k = int(self.graph.constants[node])
             return self.run(branches[max(0, min(k, len(branches) - 1))], x)
         (condition,) = self.graph.operands[node] if self.graph.operations[node] == "convert" else (node,)
+        # Within a branch that is taken where the condition holds, it is known.
+        if condition in self.graph.constants:
+            return self.run(branches[bool(self.graph.constants[condition])], x)
         # Of states side by side all take both ways, where one is short.
         if len(branches) == 2 and self.graph.dtypes[condition] == BOOL:
             sizes = [_size(branch.jaxpr) for branch in branches]

@@ -65,13 +65,13 @@ class Program:
 
     @functools.cached_property
     def _derived(self) -> dict[Hashable, Any]:
-        return {}
+        # Of several threads that ask at once, all get the first.
+        return vars(self).setdefault("_derived", {})
 
     def cached(self, key: Hashable, maker: Callable[[], T]) -> T:
         """A derivative or trace of this program, made once by `maker`; it lives as long as the program."""
-        if key not in self._derived:
-            self._derived[key] = maker()
-        return self._derived[key]
+        found = self._derived
+        return found[key] if key in found else found.setdefault(key, maker())
 
     def traced(self, avals: Sequence[Aval]) -> "Traced":
         """The trace of the program, made once for the same shapes.

@@ -180,5 +180,6 @@ _ELEMENTWISE: dict[str, Callable] = {
     "div": lambda a, b, **_: barrier.quotient(*jnp.broadcast_arrays(a, b)),
     "integer_pow": _square,
     "mul": lambda a, b, **_: barrier.product(*jnp.broadcast_arrays(a, b)),
+    "sqrt": lambda x, **_: barrier.root(x),
     "square": _square,
 }

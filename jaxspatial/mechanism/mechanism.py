@@ -527,6 +527,11 @@ class Mechanism:
         """The mechanism with what is held against gravity in place of its inertias. Cached, with its programs."""
         return self._as_tree(inertias=self.lifts)
 
+    @functools.cached_property
+    def in_float32(self) -> "Mechanism":
+        """The mechanism with its numbers as float32. Cached, with its programs."""
+        return self.astype(np.float32)
+
     def _as_tree(self, **changes) -> "Mechanism":
         """A Mechanism with leaves, of these numbers and others."""
         return Mechanism(**{field.name: getattr(self, field.name) for field in dataclasses.fields(self)} | changes)

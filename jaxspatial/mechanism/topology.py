@@ -153,7 +153,7 @@ class Topology:
     def is_mimic(self, i: int):
         return self.followed[i] != i
 
-    @property
+    @functools.cached_property
     def has_mimics(self):
         return any(map(self.is_mimic, range(len(self))))
 

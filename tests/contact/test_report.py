@@ -138,3 +138,16 @@ def test_what_is_refused(changes, error, message):
         arguments = {"contacts": touching()} | changes
         with pytest.raises(error, match=message):
             interpreted(lambda q, v: js.contact_report(brick(), q, v, **arguments))(states()[0][0], states()[1][0])
+
+
+@pytest.mark.parametrize("a, b, message", [("a", "b b", "as many of one as of the other"), ("a", "a", "of two bodies")])
+def test_pairs_are_checked_as_those_of_a_step(a, b, message):
+    M = js.SpatialInertia.solid_sphere(np.float32(0.1), mass=np.float32(1))
+    joints = [js.Joint(f"to {x}", "free", "world", x) for x in "ab"]
+    mech = js.Mechanism.build([js.Body("a", M), js.Body("b", M)], joints)
+    pairs = tuple(js.PointContacts(x.split(), stiffness=1e4, relaxation_time=0.01, friction=0.5) for x in (a, b))
+    q, v = np.ones(14, np.float32), np.zeros(12, np.float32)
+    with pytest.raises(ValueError, match=f"contact_report: pairs: .*{message}"):
+        js.contact_report(mech, q, v, pairs=pairs)
+    with pytest.raises(ValueError, match=f"convex_step: pairs: .*{message}"):
+        js.convex_step(mech, q, v, v, np.float32(1e-3), pairs=pairs)

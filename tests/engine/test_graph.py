@@ -282,6 +282,22 @@ def test_what_nobody_reads_is_not_computed():
     assert counted(g) == {"add": 1, "sub": 1}
 
 
+def test_a_branch_within_a_branch_of_the_same_condition():
+    """It is known there."""
+
+    def long(y):
+        return functools.reduce(barrier.fixed_sum, [y] * graph.LEAST_SKIPPED, y)
+
+    def f(x):
+        inner = lambda y: lax.cond(x[0] > 0, long, lambda y: y, 2 * y)  # noqa: E731
+        return lax.cond(x[0] > 0, lambda y: long(inner(y)), lambda y: y, x)
+
+    g = of_state(f, (1,))
+    for x in np.float32([[3], [-3]]):
+        (found,) = with_numpy(g, [x[None]])
+        np.testing.assert_array_equal(found[0], f(x))
+
+
 def test_a_long_branch_is_computed_where_it_is_taken():
     """Not in front of the loop around it, although nothing in the loop changes what it reads."""
 

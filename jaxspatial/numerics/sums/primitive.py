@@ -157,7 +157,7 @@ def _traced(arrays: tuple, plan: Plan) -> ClosedJaxpr:
 sums_p: Any = Primitive("jaxspatial_sums")
 sums_p.multiple_results = True
 sums_p.def_abstract_eval(_abstract)
-_program = functools.cache(functools.partial(compiled, sums_p))
+_program = functools.lru_cache(maxsize=256)(functools.partial(compiled, sums_p))
 sums_p.def_impl(lambda *arrays, plan: _program(plan=plan)(*arrays))
 # Without calls, but on CPUs: see `inlined_calls`.
 mlir.register_lowering(sums_p, rule(inlined_calls()(evaluate)))
