@@ -1,6 +1,6 @@
 """Closed loops: what holds frames of a mechanism together beside its joints, and the motion of all under it.
 
-The equations of motion are those of the tree with the wrenches of the closures, whose rows are told in `closures`,
+The equations of motion are those of the tree with the wrenches of the closures, whose rows `closures` defines,
 
     M vdot + h = tau + J^T l        J vdot + b = 0        b = dJ/dt v
 
@@ -181,7 +181,7 @@ def constrained_forward_dynamics(
 
     Derivatives, by all arguments, are those of the equations, which the same factors solve; also where closures are
     redundant. There are none in singular configurations, such as a four-bar linkage that is folded flat: there rows
-    depend on each other that do not beside them, and the multipliers grow without bound as one comes near. Neither are
+    become dependent that are independent nearby, and the multipliers grow without bound as one comes near. Neither are
     there derivatives by what takes a planar loop out of its plane.
 
     Args:

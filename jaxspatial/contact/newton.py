@@ -48,8 +48,8 @@ SLOPE, LONGEST = 0.1, 1.5
 NOISE = 8
 # Rounding errors of velocities, in eps of the sizes of what they are sums of; and those of momenta.
 OF_VELOCITIES, OF_MOMENTA = 0.25, 4.0
-# So near the tolerance, or what rounding errors of velocities make, in multiples of these, a square that is more than
-# this share of the last is of rounding errors.
+# The iteration also ends where the square of a decrement is more than STALLED times that of the last one, if it is
+# within NEAR times the tolerance's, or NOISY times that of rounding errors of velocities: what is left are these.
 NEAR, NOISY, STALLED = 100, 10, 0.25
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper", "turn_limits")
 
@@ -113,7 +113,7 @@ class Constants(NamedTuple):
 def solve(state: MechanismState, step: StepData):
     """(y, iterations): the change of the velocities from `v0`, that without contact being `y_free`.
 
-    Where nothing touches there are no iterations, and y is `y_free`.
+    Where nothing acts there are no iterations, and y is `y_free`.
     """
     scene = scene_of(state, step)
     world, terms = scene.world, scene.terms
@@ -139,18 +139,18 @@ def solve(state: MechanismState, step: StepData):
     nothing, one = (as_data(state.known(x), (1, state.n)) for x in (0.0, 1.0))
     x = as_data(zero, (state.topology.nv, state.n))
     start = Iterate(x, at_rest, u, Scalars(nothing, one, nothing, nothing))
-    is_touched = _is_touched(scene)
+    acts_at_all = _anything_acts(scene)
 
     def iterate(carry):
         data, is_done, count, k = carry
         new, is_small = _iterated(constants, with_data(start, data), is_done, k == 0)
         return data_of(new), is_done | is_small, count + (~is_done).astype(np.int32), k + 1
 
-    at_first = data_of(start), ~is_touched, jnp.zeros((1, state.n), np.int32), np.int32(0)
+    at_first = data_of(start), ~acts_at_all, jnp.zeros((1, state.n), np.int32), np.int32(0)
     data, _, count, _ = lax.while_loop(lambda x: (x[3] < MOST_ITERATIONS) & ~x[1].all(), iterate, at_first)
     last: Iterate = with_data(start, data)
     found = world.turned((1 - last.scalars.lacking) * free + last.x, to_world=False)
-    y = where(is_touched, found, state.numbers(step.y_free[:, None])[0])
+    y = where(acts_at_all, found, state.numbers(step.y_free[:, None])[0])
     return high(y), count
 
 
@@ -186,8 +186,8 @@ def _balanced_and_applied(
 ) -> tuple[ByTerm, ByTerm]:
     """(the impulses that G x balances, those that forces balance), see `solve_hessian`.
 
-    In the first direction, and for None, what closes a loop is balanced by G x. Later the momenta A x balance what is
-    left: of a closure that cannot close, or works against a limit, that is large.
+    In the first direction, and for None, G x balances what closes a loop. Later the momenta A x do: the impulse of a
+    closure that cannot close, or works against a limit, is large.
     """
     balanced, applied = list[Any](impulses), list[Any]([None] * len(terms))
     for k, (term, impulse) in enumerate(zip(terms, impulses, strict=True)):
@@ -256,9 +256,9 @@ def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
     fields = world.numbers(step.v0, step.y_free)
     energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*fields), fields, strict=True))
     scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * check.eps(state.dtype)) ** 2
-    is_touched = _is_touched(scene)
-    share = jnp.where(is_touched, high(left), 0) / jnp.where(scale <= 0, 1, scale)
-    return jnp.sqrt(share + jnp.where(is_touched, least, 0))
+    acts_at_all = _anything_acts(scene)
+    share = jnp.where(acts_at_all, high(left), 0) / jnp.where(scale <= 0, 1, scale)
+    return jnp.sqrt(share + jnp.where(acts_at_all, least, 0))
 
 
 @algorithm(*FIELDS, result_shape=lambda _, static: [(n,) for n in static["sizes"]])
@@ -269,7 +269,7 @@ def impulses(state: MechanismState, step: StepData, y: Array, *, sizes: tuple[in
     return tuple(x for term, own in zip(scene.terms, found, strict=True) for x in term.results(state, own))
 
 
-def _is_touched(scene: Scene) -> jax.Array:
+def _anything_acts(scene: Scene) -> jax.Array:
     """Whether any term acts at all, (1, B)."""
     acts = (term.acts().any(0, keepdims=True) for term in scene.terms)
     return functools.reduce(operator.or_, acts, jnp.zeros((1, scene.world.state.n), bool))
@@ -291,7 +291,7 @@ class Slopes(NamedTuple):
 class Products(NamedTuple):
     """Products of impulses at an Iterate, and of G d, with the velocities y* (`free`) and d.
 
-    noise: impulse_d, of the sizes of its factors. Numbers (n, B) of n terms, or their sums (1, B).
+    noise: impulse_d, of the sizes of its factors. Numbers (n, B) of n impulses, or their sums (1, B).
     """
 
     impulse_free: Number

@@ -43,14 +43,14 @@ T = TypeVar("T")
 
 
 class Ends(NamedTuple):
-    """The bodies b and a that each of n terms acts between, -1 for the world."""
+    """The bodies b and a that each of n impulses acts between, -1 for the world."""
 
     b: tuple[int, ...]
     a: tuple[int, ...]
 
     @property
     def between_bodies(self) -> np.ndarray:
-        """Which terms act between two bodies."""
+        """Which impulses act between two bodies."""
         return np.flatnonzero(np.array(self.a) >= 0)
 
 

@@ -256,7 +256,7 @@ def _place(mechanism: Mechanism, name: str) -> tuple[bool, int]:
         return True, welds.index(name)
     welded = [t.frames[frame][0] for _, frame in t.welds]
     places = {x: (False, i) for i, x in enumerate(mechanism.body_names)} | {x: (True, k) for k, x in enumerate(welded)}
-    if name not in places:
+    if name not in places:  # This raises, and lists the names there are.
         t.index((*mechanism.joint_names, *welds, *places), name, "joint_reactions: joints")
     return places[name]
 

@@ -63,7 +63,7 @@ CHUNK = 128
 # In how many runs of neighbouring chunks a thread takes its share of a job. The last run is what others wait for; but
 # with runs of one chunk, memory that a thread has asked for would be what another one takes.
 RUNS = 32
-# Operations on vectors that take about 20 us: another thread is asked to help for each of them after the first.
+# So many operations on vectors take about 20 us. One more thread is asked to help for each such amount after the first.
 WORTH_A_THREAD = 100_000
 # Above so many bytes, what a thread needs is allocated on the heap.
 LARGEST_ON_STACK = 1 << 16
@@ -132,7 +132,7 @@ MOST_UNROLLED = None  # as graphs have it
 
 
 def least_alike(n: int) -> int:
-    """The least number of states whose code that of n states is, too."""
+    """The smallest number of states that runs the same code as n states."""
     return min(n, 2)
 
 
@@ -1239,7 +1239,8 @@ def is_available() -> bool:
         with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):
             (y,) = jax.jit(lambda x: call(code, [x], 7))(x)
         if np.array_equal(np.asarray(y), x * x):
-            return held is not None
+            del held  # Until here the code has to live.
+            return True
         reason = f"{x.ravel()} squared is {np.asarray(y).ravel()}"
     except Exception as error:  # Whatever goes wrong, JAX can compute the same without.
         reason = str(error)

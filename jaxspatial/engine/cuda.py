@@ -66,7 +66,7 @@ class Code(NamedTuple):
 
 
 def least_alike(n: int) -> int:
-    """The least number of states whose code that of n states is, too."""
+    """The smallest number of states that runs the same code as n states."""
     return min(n, WARP)
 
 

@@ -815,7 +815,7 @@ class _Builder:
         return self.each(name, BOOL, index, self.lifted(np.full((), k, dtype)))
 
     def _dot_general(self, eqn, x: Nodes, y: Nodes) -> list[Nodes]:
-        """Products of functions that callers pass. The order of their terms is nobody's promise."""
+        """Term by term, from the first on, as `xla` adds them."""
         dtypes = {np.dtype(v.aval.dtype) for v in (*eqn.invars, *eqn.outvars)}
         if len(dtypes) > 1:
             raise NotSupportedError("a product of numbers of several dtypes")

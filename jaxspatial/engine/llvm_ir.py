@@ -41,7 +41,7 @@ _GUARDED = {"div", "rem", *_SHIFTS}
 # What is read where it lies, as often as it is used: nodes that are no operations.
 _PLACES = {"constant", "load", "carried", "row", "last", "stacked"}
 _OF_LOOPS = {"row", "last", "stacked"}
-Table = tuple[str, Any, int]  # what, where, and bytes or numbers from row to row
+Table = tuple[str, Any, int]  # what, where, and the places from row to row
 Place = tuple[
     int | None, int, np.dtype
 ]  # of numbers of W states: the argument or, None, the frame; bytes from its start
@@ -553,7 +553,8 @@ class Writer:
     def _found_table(self, parameter: int, loop: Loop) -> Table | None:
         """Where the rows of a parameter lie already: in an argument, among what another loop stacked, or constants.
 
-        (array, first, stride): of an argument its number and bytes; of a stacked table the same in rows.
+        (array, first, stride): of an argument its number, the first place, and the places from row to row; of a stacked
+        table the same in rows.
         """
         g, nodes = self.g, loop.rows[parameter]
         names = {g.operations[n] for n in nodes}

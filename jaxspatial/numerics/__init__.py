@@ -23,6 +23,8 @@ The way from a formula to the bits:
 
 The folders stand on one another: `errorfree` (single operations), `numbers` (the interface and its kinds), `sums`.
 On top of them: `linear` (vectors, matrices, motions, wrenches), `functions` (series, sine and cosine, exponential and
-logarithm, as formulas over numbers), `eigen` (axes of symmetric matrices), `quantity` (what all types with a batch can
-do), `precision` and `promise` (the four precisions, and what each promises), `types` (of public arguments).
+logarithm, as formulas over numbers), `eigen` (axes of symmetric matrices), `elimination` (linear equations), `formula`
+(functions of arrays made of formulas), `quantity` (what all types with a batch can do), `check` (of arguments),
+`precision` and `promise` (the four precisions, and what each promises), `types` (of public arguments), `jax_internals`
+(parts of JAX that may change).
 """

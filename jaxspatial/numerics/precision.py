@@ -35,7 +35,7 @@ class Precision(enum.StrEnum):
 
     @property
     def of_one_limb(self) -> "Precision":
-        """Itself, or of those that compute with more than the working precision, the best one that does not."""
+        """Itself; "reproducible" for those that compute with more than the working precision."""
         return Precision.REPRODUCIBLE if self.sees_whole_sums else self
 
     @property

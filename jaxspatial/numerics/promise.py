@@ -21,13 +21,13 @@ from jaxspatial.numerics.precision import Precision
 
 _Function = TypeVar("_Function", bound=Callable)
 
-# Of the units of roundoff that a denominator has to be, of its mag, for a quotient to be known.
+# A quotient is promised where its denominator is at least so many units of roundoff of its own mag.
 SMALLEST = 24
 TERMS = "the sum of the absolute values of its terms, multiplied out"
 
 
 class Promise(NamedTuple):
-    """The largest error of a number whose exact value is r; with none of these factors it is exact.
+    """The largest error of a number whose exact value is r. A number without any of these factors is exact.
 
         fast, reproducible   u u mag + u_of_result u |r| c
         compensated          u |r| + u2 u^2 mag + u2_of_result u^2 |r| c
@@ -93,7 +93,7 @@ class Promise(NamedTuple):
 
 
 class Normwise(NamedTuple):
-    """The largest error, in its norm, of a result whose exact value is r, or of the numbers of one, in the largest:
+    """The largest error of a result whose exact value is r, in its norm, or of the largest of its numbers:
 
         fast, reproducible       u u size
         compensated, faithful    rounded u |r| + u2 u^2 size

@@ -89,7 +89,7 @@ def shift(X_P_E: _Kind, p_PQ_E: ArrayLike, w: ArrayLike | None = None, *, precis
         SpatialForce(tau=[0.0, 0.0, -1.0], f=[1.0, 2.0, 0.0])
     """
     if not isinstance(X_P_E, Additive):
-        refuse("shift", "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration", X_P_E)
+        refuse("shift", "a spatial vector or inertia", X_P_E)
     return X_P_E._shift(p_PQ_E, w, precision)
 
 
@@ -167,7 +167,7 @@ def cross(V_P_E: SpatialVelocity, X_P_E: _Vector, *, precision: PrecisionName = 
     """
     require_kind(V_P_E, SpatialVelocity, "cross", " first")
     if not isinstance(X_P_E, SpatialVector):
-        refuse("cross", "one of the four spatial vectors as second", X_P_E)
+        refuse("cross", "a spatial vector or inertia as second", X_P_E)
     require_pair(V_P_E, X_P_E)
     return X_P_E._cross(V_P_E, precision)
 

@@ -284,6 +284,7 @@ class RigidTransform(Quantity):
             >>> print(X_AB.inverse_times(X_AC).translation)
             [0. 1. 0.]
         """
+        require_kind(other, RigidTransform, "RigidTransform.inverse_times: other")
         check.require_same_dtype(left=self, right=other)
         R_BC = composed(self.rotation.inverse(), other.rotation, precision=precision)
         p = _moved_back(precision, self._pose, other.translation)
@@ -315,6 +316,7 @@ class RigidTransform(Quantity):
             >>> print(X.interpolate(Y, 0.25).translation)
             [2.5 0.  0. ]
         """
+        require_kind(other, RigidTransform, "RigidTransform.interpolate: other")
         t = expanded(check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype))
         check.require_same_dtype(start=self, end=other, t=t)
         entries, p = _interpolated(precision, self._pose, other._pose, t)
