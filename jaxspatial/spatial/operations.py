@@ -167,7 +167,7 @@ def cross(V_P_E: SpatialVelocity, X_P_E: _Vector, *, precision: PrecisionName = 
     """
     require_kind(V_P_E, SpatialVelocity, "cross", " first")
     if not isinstance(X_P_E, SpatialVector):
-        refuse("cross", "a spatial vector or inertia as second", X_P_E)
+        refuse("cross", "one of the four spatial vectors as second", X_P_E)
     require_pair(V_P_E, X_P_E)
     return X_P_E._cross(V_P_E, precision)
 
@@ -204,7 +204,7 @@ def rotate(R_AE: Rotation, X_P_E: _Kind, *, precision: PrecisionName = None) -> 
     """
     require_kind(R_AE, Rotation, "rotate", " first")
     if not isinstance(X_P_E, Additive):
-        refuse("rotate", "one of the four spatial vectors as second", X_P_E)
+        refuse("rotate", "a spatial vector or inertia as second", X_P_E)
     return X_P_E._rotate(R_AE, precision)
 
 

@@ -130,7 +130,7 @@ def test_arguments_have_the_dtype_of_the_vector(name, call):
 
 
 FORCES = "a SpatialForce or SpatialMomentum"
-KINDS = "a SpatialForce, SpatialMomentum, SpatialVelocity or SpatialAcceleration"
+KINDS = "a spatial vector or inertia"
 # (call, operation, expected, got)
 WRONG_KINDS = [
     (lambda: js.dot(F, F), "dot", "a SpatialVelocity beside a SpatialForce", "SpatialForce"),
