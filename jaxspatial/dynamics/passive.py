@@ -267,13 +267,13 @@ def _of_turn_limit(joints: JointsOfKind, q: Numbers, v: Array, compliance: Compl
     k, c = (joints.velocities(x)[0] for x in (compliance.limit_stiffness, compliance.limit_damping))
     turn = cast(Ball, joints.joint).turn(q)
     squared = dot(turn, turn)
-    is_beyond = squared > largest * largest
+    is_within = squared <= largest * largest
     # Within the limit there is no torque, and no axis at zero.
-    angle = where(is_beyond, squared, 1.0).sqrt()
+    angle = where(is_within, 1.0, squared).sqrt()
     axis = Vector(*(x / angle for x in turn))
     speed = dot(axis, joints.velocities(v))
-    force = _one_sided_force(where(is_beyond, angle - largest, 0.0), speed, k, c)
-    return tuple(where(is_beyond, -force * x, 0.0) for x in axis)
+    force = _one_sided_force(where(is_within, 0.0, angle - largest), speed, k, c)
+    return tuple(where(is_within, 0.0, -force * x) for x in axis)
 
 
 def _of_limit(q: Number, speed: Number, stiffness: Number, damping: Number, lower: Number, upper: Number):
@@ -285,9 +285,10 @@ def _of_limit(q: Number, speed: Number, stiffness: Number, damping: Number, lowe
 
 def _one_sided_force(depth: Number, speed: Number, stiffness: Number, damping: Number):
     """The force at a depth beyond a limit; zero where the depth is not positive, even if it is minus infinity."""
-    is_beyond = depth > 0
-    force = stiffness * where(is_beyond, depth, 0.0) + damping * where(is_beyond, speed, 0.0)
-    return where(force > 0, force, 0.0)
+    # NaN is not within, and becomes the force.
+    is_within = depth <= 0
+    force = stiffness * where(is_within, 0.0, depth) + damping * where(is_within, 0.0, speed)
+    return where(force <= 0, 0.0, force)
 
 
 # -- tendons ----------------------------------------------------------------------------------------------------------
@@ -370,7 +371,8 @@ def _tension(state: MechanismState, row: _Row, length: Number, rate: Number) -> 
         shortest, longest = (_number(state, row.rest, k) for k in (0, 1))
         stretch = length - shortest
         if not (isinstance(row.rest, np.ndarray) and row.rest[0] == row.rest[1]):
-            stretch = where(length > longest, length - longest, where(length < shortest, stretch, 0.0))
+            # With one length at rest, and at it, the derivative is that of a spring. NaN becomes the force.
+            stretch = where(length > longest, length - longest, where(length > shortest, 0.0, stretch))
         force = force - _number(state, row.stiffness, 0) * stretch
     if not is_nothing(row.damping):
         force = force - _number(state, row.damping, 0) * rate

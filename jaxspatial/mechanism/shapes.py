@@ -48,7 +48,10 @@ def _sphere(p: Vector, radius: Numbers) -> tuple[Vector, Number]:
 
 
 def _capsule(p: Vector, radius: Numbers, length: Numbers) -> tuple[Vector, Number]:
-    n, distance = direction(Vector(p.x, p.y, p.z - clipped(p.z, halved(length[0]))), axis=0)
+    half = halved(length[0])
+    # NaN, of the point or the length, is beyond an end.
+    beyond = where(p.z > half, p.z - half, where(p.z >= -half, constant(p.z, 0), p.z + half))
+    n, distance = direction(Vector(p.x, p.y, beyond), axis=0)
     return n, distance - radius[0]
 
 

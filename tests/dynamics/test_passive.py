@@ -258,6 +258,49 @@ def test_equal_limits_of_a_tendon_push_and_pull(is_data, float64):
         np.testing.assert_allclose(found, [-k * np.outer(c, c)] * 3, rtol=1e-15)
 
 
+@pytest.mark.parametrize("is_data", [False, True], ids=["known", "data"])
+def test_the_slope_of_a_tendon_at_its_length_at_rest(is_data, float64):
+    """It is that of a spring, as beside it; between two lengths nothing pulls."""
+    joints = [js.Joint("j", "revolute", "world", "a")]
+
+    def slope(rest, q):
+        mech = js.Mechanism.build([js.Body("a")], joints, tendons=[js.Tendon("t", ["j"], [2.0], 0.5, 3.0, rest)])
+        mech = mech.as_data() if is_data else mech
+        return interpreted(jax.jacobian(lambda q: js.passive_forces(mech, q, 0 * q)))(np.array([q]))
+
+    for q in (-0.25, -0.2, -0.3):
+        np.testing.assert_array_equal(slope(0.0, q), [[-12.0]])
+    for q, expected in ((-0.35, -12.0), (-0.25, 0.0), (-0.15, -12.0)):
+        np.testing.assert_array_equal(slope([-0.1, 0.1], q), [[expected]])
+
+
+@pytest.mark.parametrize("kind", ["limits", "limit of a ball", "limits of a tendon", "tendon with two lengths at rest"])
+def test_no_number_in_none_out(kind, float64):
+    """Coordinates, limits and, beyond a limit, velocities that are NaN: no force that looks as if nothing acted."""
+    given = {"turn_limit": 0.5} if kind == "limit of a ball" else {"lower": -1.0, "upper": 1.0}
+    joint = "ball" if kind == "limit of a ball" else "prismatic"
+    tendons = {
+        "limits of a tendon": [js.Tendon("t", ["j"], [1.0], lower=-1.0, upper=1.0)],
+        "tendon with two lengths at rest": [js.Tendon("t", ["j"], [1.0], stiffness=2.0, rest=[-1.0, 1.0])],
+    }.get(kind, [])
+    joints = [js.Joint("j", joint, "world", "a", **{} if tendons else given)]
+    mech = js.Mechanism.build([js.Body("a")], joints, tendons=tendons)
+
+    def force(mech, q, v):
+        return interpreted(lambda q, v: js.passive_forces(mech, q, v, SOFT))(q, v)
+
+    beyond = np.array([0.6, 0, 0, 0.8] if joint == "ball" else [1.5])
+    still, none = np.zeros(mech.nv), np.full(mech.nv, np.nan)
+    assert force(mech, beyond, still).any() and np.isfinite(force(mech, beyond, still)).all()
+    assert np.isnan(force(mech, np.full_like(beyond, np.nan), still)).all()
+    if kind != "tendon with two lengths at rest":
+        assert np.isnan(force(mech, beyond, none)).any()
+    if kind == "limits":
+        assert np.isnan(force(mech.replace(upper=none), beyond, still)).all()
+    if kind == "limit of a ball":
+        assert np.isnan(force(mech.replace(turn_limits=np.array([np.nan])), beyond, still)).all()
+
+
 def test_a_spring_of_a_mimic_acts_on_its_master(float64):
     joints = [
         js.Joint("j", "revolute", "world", "a", stiffness=2.0, spring_reference=0.25),

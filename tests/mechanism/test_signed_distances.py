@@ -261,6 +261,32 @@ def test_kinks_are_as_stated(shape, p, normal, distance):
     assert np.isnan(found(np.float32([np.nan, np.nan, np.nan]))[1])
 
 
+# Shapes of sizes, and how many these are.
+SIZED = {
+    "Sphere": (lambda x: js.Sphere(x[0]), 1),
+    "Capsule": (lambda x: js.Capsule(*x[:2]), 2),
+    "Box": (js.Box, 3),
+    "Cylinder": (lambda x: js.Cylinder(*x[:2]), 2),
+    "Stairs": (lambda x: js.Stairs(2, *x[:2]), 2),
+    "HalfSpace": (lambda x: js.HalfSpace([0.0, 0, 1], x[0]), 1),
+}
+
+
+@pytest.mark.parametrize(("make", "n"), SIZED.values(), ids=SIZED)
+def test_a_size_that_is_none_gives_none(make, n):
+    """And so does the height of a point that is, wherever the point is."""
+    points, sizes = (
+        np.float32([[0.1, 0.2, 0.3], [0, 0, 0], [3, 0, 0.1], [0.1, 0, 5], [0, 0.1, -5]]),
+        np.float32([1] * 3),
+    )
+    assert np.isfinite(interpreted(make(sizes))(points)).all()
+    for k in range(n):
+        shape = make(np.where(np.arange(3) == k, np.float32(np.nan), sizes))
+        assert np.isnan(interpreted(shape)(points)).all(), k
+    points[:, 2] = np.nan
+    assert np.isnan(interpreted(make(sizes))(points)).all()
+
+
 def test_batches_of_shapes_and_points():
     """Of each item its own points, and each as on its own."""
     rng = np.random.default_rng(2)
