@@ -273,6 +273,8 @@ def _checked_contacts(mechanism: Mechanism, q, contacts, name: str, may_be_shape
     is_shape = may_be_shapes and isinstance(contacts, ShapeContacts)
     contacts = check.narrowed(contacts) if is_shape else checked_contacts("convex_step", contacts, name)
     check.require_same_dtype(q=q, **{name: contacts})
+    for frame in contacts.frames:
+        mechanism.topology.index(mechanism.frame_names, frame, f"convex_step: {name}: frames")
     return contacts
 
 
