@@ -159,8 +159,10 @@ class Joint:
 
 
 def _is_mimic(x: object) -> bool:
-    is_alike = isinstance(x, tuple | list) and 1 <= len(x) <= 3 and isinstance(x[0], str)
-    return is_alike and all(isinstance(number, Real) for number in x[1:])
+    if not isinstance(x, tuple | list) or not 1 <= len(x) <= 3:
+        return False
+    joint, *numbers = x
+    return isinstance(joint, str) and all(isinstance(number, Real) for number in numbers)
 
 
 def known(x, name: str = "Mechanism.build") -> np.ndarray:
