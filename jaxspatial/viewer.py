@@ -98,7 +98,8 @@ def show(
         FileNotFoundError: there is no such file of shapes.
         KeyError: there is no such frame, or the file has a link that is no frame of the mechanism.
         TypeError: an argument has another type.
-        ValueError: shapes of arrays do not fit, the shapes are no URDF, or a ground function has no zero near by.
+        ValueError: shapes of arrays do not fit, the time is not above zero, there is no such port, the shapes are no
+            URDF, or a ground function has no zero near by.
 
     Example:
         >>> from jaxspatial import viewer
@@ -135,6 +136,7 @@ def record(
         The path.
 
     Raises:
+        FileNotFoundError: there is no such folder.
         ValueError: the path has another ending. Else as `show`.
 
     Example:
@@ -143,7 +145,11 @@ def record(
         >>> print(viewer.record(arm, path, "arm.viser", dt=0.1))
         arm.viser
     """
+    if not isinstance(path, str | pathlib.Path):
+        check.refuse("viewer.record: path", "a path", path)
     path = pathlib.Path(path)
+    if not path.parent.is_dir():
+        raise FileNotFoundError(f"viewer.record: path: there is no folder {path.parent}")
     if path.suffix not in (".html", ".viser"):
         raise ValueError(f"viewer.record: path: expected one that ends in .html or .viser, got {path}")
     with contextlib.redirect_stdout(io.StringIO()):  # it has an address, for a while
@@ -213,7 +219,10 @@ class Scene:
         touching, centres, radii = (
             ((), np.zeros((0, 3)), np.zeros(0)) if contacts is None else spheres("viewer", contacts)
         )
-        self.n, self.dt = len(states), float(dt)
+        # viser tries one port after the other, and waits for ever where there is none of that number.
+        if not isinstance(port, int) or isinstance(port, bool) or not 0 <= port < 2**16:
+            raise ValueError(f"viewer: port: expected an integer from 0 to 65535, got {port!r}")
+        self.n, self.dt = len(states), check.above_zero(dt, "viewer: dt")
         found = {} if shapes is None else meshes("viewer", mech, shapes)
         names = list(dict.fromkeys([*(mech.body_names if shapes is None else found), *frames, *touching]))
         self._wxyz, self._p = _poses(mech, states, names)

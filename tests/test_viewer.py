@@ -369,6 +369,10 @@ def test_what_is_shown_is_served(robot):
         ({"contacts": js.PointContacts(["tips"], **LAW)}, KeyError, "did you mean 'tip'"),
         ({"contacts": js.PointContacts(["tip"], np.zeros((5, 1, 3)), **LAW)}, ValueError, r"one for .*a batch \(5,\)"),
         ({"path": "arm.mp4"}, ValueError, "path: expected one that ends in .html or .viser"),
+        ({"path": None}, TypeError, "viewer.record: path: expected a path, got NoneType"),
+        ({"path": "nowhere/arm.html"}, FileNotFoundError, "viewer.record: path: there is no folder nowhere"),
+        ({"dt": "a"}, ValueError, "viewer: dt: expected a number above 0, .*got 'a'"),
+        ({"dt": -1.0}, ValueError, "viewer: dt: expected a number above 0, .*got -1.0"),
     ],
     ids=[
         "mech",
@@ -388,12 +392,23 @@ def test_what_is_shown_is_served(robot):
         "frame of a contact",
         "many contacts",
         "path",
+        "no path",
+        "no folder",
+        "time as a text",
+        "time before",
     ],
 )
 def test_messages(change, error, message, robot, tmp_path):
     given = {"mech": robot[0], "q": trajectory(5), "path": tmp_path / "x.viser"} | change
     with pytest.raises(error, match=message):
         viewer.record(given.pop("mech"), given.pop("q"), given.pop("path"), **given)
+
+
+@pytest.mark.parametrize("port", ["8080", -1, 65536, 80.0])
+def test_a_port_has_a_number_that_there_is(port, robot):
+    """Else viser would wait for ever."""
+    with pytest.raises(ValueError, match="viewer: port: expected an integer from 0 to 65535, got"):
+        viewer.show(robot[0], trajectory(5), port=port)
 
 
 def test_links_of_another_robot_are_named(robot):

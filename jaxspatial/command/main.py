@@ -3,6 +3,7 @@
 import _thread
 import contextlib
 import os
+import pathlib
 import sys
 import threading
 from collections.abc import Iterable
@@ -11,6 +12,7 @@ from jaxspatial.command import demo, first_look, measuring, options, wrench_file
 from jaxspatial.command.files import WrenchFileError
 from jaxspatial.command.result import as_json
 from jaxspatial.measure.checks import self_check
+from jaxspatial.numerics.check import did_you_mean
 
 # Exit statuses beside 0, and 1 where a promise does not hold; the last as shells have it, 128 and the signal.
 _IMPOSSIBLE, _INTERRUPTED = 2, 130
@@ -34,6 +36,9 @@ def main(arguments: Iterable[str] | None = None):
 def _run(arguments):
     """What is done without a subcommand is `trade`; without any argument, the first look."""
     jobs = ("trade", "shift", "self-check", "demo")
+    if arguments and not pathlib.Path(arguments[0]).suffix and (near := did_you_mean(arguments[0], jobs, 0.75)):
+        if arguments[0] not in jobs:
+            raise WrenchFileError(f"{arguments[0]}: expected a subcommand or a file{near}")
     job, *rest = arguments if arguments and arguments[0] in jobs else ["trade", *arguments]
     if job == "shift":
         return wrench_file.convert(options.to_shift(rest))

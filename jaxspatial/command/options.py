@@ -171,7 +171,7 @@ def showing():
     description = "A quadruped that is pushed, in a browser: a slider, a box to let it play, and the forces as arrows."
     parser = _Parser(has_columns=False, prog=f"{_PROG} demo", description=description)
     parser.add_argument("--record", type=pathlib.Path, metavar="FILE", help="write a page that needs no server, .html")
-    parser.add_argument("--port", type=int, default=8080, help="the first to try")
+    parser.add_argument("--port", type=_port, default=8080, help="the first to try")
     _add_overwrite(parser)
     return parser
 
@@ -211,6 +211,13 @@ def _count(text: str):
     value = number_of(text, int)
     if value is None or value < SMALLEST:
         raise argparse.ArgumentTypeError(f"expected at least {SMALLEST} wrenches, got {text}")
+    return value
+
+
+def _port(text: str):
+    value = number_of(text, int)
+    if value is None or not 0 <= value < 2**16:
+        raise argparse.ArgumentTypeError(f"expected a number from 0 to 65535, got {text}")
     return value
 
 

@@ -47,6 +47,9 @@ class Archive:
 
     def __init__(self, path: pathlib.Path):
         self.path = path
+        # NumPy takes what has no other beginning for a pickle, and advises to load that.
+        if not zipfile.is_zipfile(path):
+            raise WrenchFileError(f"{path}: expected a NumPy .npz archive of arrays, got no archive")
         try:
             with np.load(path, allow_pickle=False) as file:
                 self.arrays = dict(file)

@@ -241,7 +241,7 @@ def checked_pairs(
         check.require_same_dtype(q=q, pairs=x)
     if len(a.frames) != len(b.frames):
         raise ValueError(f"{what}: expected as many of one as of the other, got {len(a.frames)} and {len(b.frames)}")
-    of_each = zip(a.frames, b.frames, *(bodies_of(what, mechanism, x) for x in (a, b)), strict=True)
+    of_each = zip(a.frames, b.frames, *(bodies_of(f"{what}: frames", mechanism, x) for x in (a, b)), strict=True)
     for one, other, body, of_other in of_each:
         if body == of_other:
             of = "of the world" if body < 0 else "of one"

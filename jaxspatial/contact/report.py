@@ -15,7 +15,7 @@ from jaxspatial.contact.explicit import (
 )
 from jaxspatial.contact.points import between, harmonic_mean
 from jaxspatial.dynamics.configuration import advance
-from jaxspatial.engine.algorithm import checked
+from jaxspatial.engine.algorithm import NO_ARRAY, checked
 from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
@@ -113,7 +113,7 @@ def contact_report(
         [0.0312] [ True]
     """
     what = "contact_report"
-    at_q, at_v, h = checked(what, mechanism, q=q, v=v, dt=dt)
+    at_q, at_v, h = checked(what, mechanism, q=q, v=v, dt=NO_ARRAY if dt is None else dt)
     if h is not None and mechanism.topology.turns_axes:
         # Turning back takes the angular velocity alone, which is the same along both axes.
         at_v = advance(precision, mechanism, at_q, at_v, -h[..., 0])[1]

@@ -253,7 +253,9 @@ def _checked(mechanism: Mechanism, q, contacts: Any, ground, pairs: Any, loops) 
     if contacts is not None:
         contacts = checked_contacts(what, contacts)
         check.require_same_dtype(q=q, contacts=contacts)
-        for frame, body in zip(contacts.frames, bodies_of(f"{what}: contacts", mechanism, contacts), strict=True):
+        for frame, body in zip(
+            contacts.frames, bodies_of(f"{what}: contacts: frames", mechanism, contacts), strict=True
+        ):
             if body < 0:
                 got = f"{frame!r}, of the world, which pairs may have"
                 raise ValueError(f"{what}: contacts: expected frames of moving bodies, got {got}")

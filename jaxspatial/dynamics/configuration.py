@@ -2,12 +2,12 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
-from jaxspatial.engine.algorithm import JOINTS, algorithm, checked_mechanism
+from jaxspatial.engine.algorithm import JOINTS, algorithm, checked, checked_mechanism
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
+from jaxspatial.numerics import check
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.types import ArrayLike, BatchShape, DTypeLike, Key, PrecisionName
 
@@ -119,6 +119,7 @@ def interpolate(
         >>> print(js.interpolate(arm, jnp.zeros(2), q, 0.5))
         [ 0.25 -0.1 ]
     """
+    checked("interpolate", mechanism, q0=q0, q1=q1, t=t)
     return integrate(mechanism, q0, difference(mechanism, q0, q1, precision=precision), t, precision=precision)
 
 
@@ -172,7 +173,8 @@ def random_configuration(
         lengths within 1 m, of zero; orientations uniform.
 
     Raises:
-        TypeError: the first argument is no Mechanism.
+        TypeError: the first argument is no Mechanism, the key no single key, or the dtype is not floating point.
+        ValueError: the batch shape has something else than integers from 0 on.
 
     Error: none, it is random.
     Source: of orientations, Muller 1959, A note on a method for generating points uniformly on n-dimensional spheres.
@@ -181,8 +183,9 @@ def random_configuration(
         >>> js.random_configuration(arm, jax.random.key(0), (1000,)).shape
         (1000, 2)
     """
-    dtype = np.dtype(dtype or checked_mechanism("random_configuration", mechanism).dtype)
-    batch_shape = (batch_shape,) if isinstance(batch_shape, int) else tuple(batch_shape)
+    mechanism = checked_mechanism("random_configuration", mechanism)
+    check.require_key(key, "random_configuration: key")
+    dtype, batch_shape = check.as_dtype(dtype or mechanism.dtype), check.as_batch_shape(batch_shape)
     t, parts = mechanism.topology, list[jax.Array]()
     for i, k in enumerate(jax.random.split(key, len(t))):
         if not t.is_mimic(i):

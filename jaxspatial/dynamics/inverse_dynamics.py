@@ -17,6 +17,7 @@ from jaxspatial.engine.algorithm import (
     BODIES,
     DYNAMICS,
     FRAMES,
+    NO_ARRAY,
     Algorithm,
     ExternalForces,
     Wrenches,
@@ -120,7 +121,7 @@ def bias_forces(
         >>> print(js.bias_forces(arm, q, v) - js.gravity_forces(arm, q))  # centrifugal and Coriolis forces
         [ 0.2483 -0.1987]
     """
-    return inverse_dynamics_of(precision, mechanism, q, v, None, external_forces, operation="bias_forces")
+    return inverse_dynamics_of(precision, mechanism, q, v, NO_ARRAY, external_forces, operation="bias_forces")
 
 
 @promises(bound=ALGORITHM)
@@ -147,7 +148,7 @@ def gravity_forces(mechanism: Mechanism, q: ArrayLike, *, precision: PrecisionNa
         >>> print(js.gravity_forces(arm, q))
         [17.0086  2.8991]
     """
-    return inverse_dynamics_of(precision, mechanism, q, None, None, None, operation="gravity_forces")
+    return inverse_dynamics_of(precision, mechanism, q, NO_ARRAY, NO_ARRAY, None, operation="gravity_forces")
 
 
 @promises(bound=ALGORITHM)

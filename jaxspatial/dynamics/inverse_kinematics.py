@@ -18,7 +18,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax.core import Tracer
 
 from jaxspatial.dynamics.configuration import integrate, random_configuration
 from jaxspatial.dynamics.jacobians import jacobian
@@ -118,20 +117,19 @@ def inverse_kinematics(
     start = checked("inverse_kinematics", mechanism, q=q, frames=frames)[0]
     starts = check.as_count(starts, "inverse_kinematics: starts", 1)
     iterations = check.as_count(iterations, "inverse_kinematics: iterations", 1)
-    for name, x in (("angle", angle), ("distance", distance)):
-        if isinstance(x, Tracer) or not x > 0:
-            raise ValueError(
-                f"inverse_kinematics: {name}: expected a number above 0, known while tracing, got {check.in_short(x)}"
-            )
+    angle = check.above_zero(angle, "inverse_kinematics: angle")
+    distance = check.above_zero(distance, "inverse_kinematics: distance")
     if starts > 1 and key is None:
         raise ValueError(f"inverse_kinematics: key: expected one of jax.random for {starts} starts, got None")
+    if key is not None:
+        check.require_key(key, "inverse_kinematics: key")
     if not mechanism.nv:
         raise ValueError("inverse_kinematics: mechanism: expected one with joints that move, got nv = 0")
     flat, batch = _targets(targets, frames, start)
     batch = check.broadcast_shapes(start.shape[:-1], batch)
     names = (frames,) if isinstance(frames, str) else tuple(frames)
     still, start, given = fixed((mechanism, jnp.broadcast_to(start, (*batch, start.shape[-1])), flat))
-    numbers = {"names": names, "iterations": iterations, "angle": float(angle), "distance": float(distance)}
+    numbers = {"names": names, "iterations": iterations, "angle": angle, "distance": distance}
     approach = functools.partial(_inverse_kinematics, resolve(precision), (still,), **numbers)
     best = approach(start, given, None)
     if starts > 1:

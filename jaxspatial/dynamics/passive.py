@@ -11,7 +11,7 @@ import numpy as np
 
 from jaxspatial.dynamics.inverse_dynamics import inverse_dynamics_of
 from jaxspatial.engine import stacking
-from jaxspatial.engine.algorithm import JOINTS, algorithm, checked
+from jaxspatial.engine.algorithm import JOINTS, NO_ARRAY, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointsOfKind, MechanismState
 from jaxspatial.mechanism import Mechanism, Tendon
@@ -129,7 +129,9 @@ def passive_forces_or_none(
         of_tendons = _tendon_forces(precision, mechanism, q, v, numbers, places=places)
         forces = of_tendons if forces is None else plus(precision, forces, of_tendons)
     if mechanism.lifts is not None and not (is_nothing(mechanism.lifts.mass) or is_nothing(mechanism.gravity)):
-        of_lifts = inverse_dynamics_of(precision, mechanism.lifted, q, None, None, None, operation="passive_forces")
+        of_lifts = inverse_dynamics_of(
+            precision, mechanism.lifted, q, NO_ARRAY, NO_ARRAY, None, operation="passive_forces"
+        )
         forces = of_lifts if forces is None else plus(precision, forces, of_lifts)
     return forces
 

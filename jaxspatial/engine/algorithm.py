@@ -115,6 +115,10 @@ def algorithm(
 
 # -- arguments --------------------------------------------------------------------------------------------------------
 
+# What functions of ours pass for velocities or accelerations that are zero and cost nothing. Callers may not leave an
+# array out: None is refused.
+NO_ARRAY = object()
+
 
 def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
     if not isinstance(mechanism, Mechanism):
@@ -127,12 +131,12 @@ def checked_mechanism(operation: str, mechanism: object) -> Mechanism:
 def checked(operation: str, mechanism: object, **arguments) -> tuple:
     """Checks and converts the arguments of an algorithm, by their names.
 
-    q, q0 and q1 become arrays (*batch, nq), v, vdot and tau (*batch, nv), a time dt (*batch, 1), with a common dtype
-    and batch shapes that broadcast; external_forces become Wrenches, frames their numbers. Other arguments, and None in
-    place of an array, pass unchanged.
+    q, q0 and q1 become arrays (*batch, nq), v, vdot and tau (*batch, nv), a time dt or t (*batch, 1), with a common
+    dtype and batch shapes that broadcast; external_forces become Wrenches, frames their numbers. NO_ARRAY becomes None.
+    Other arguments pass unchanged.
     """
     mechanism = checked_mechanism(operation, mechanism)
-    arrays = _arrays(operation, mechanism, {name: x for name, x in arguments.items() if x is not None})
+    arrays = _arrays(operation, mechanism, {name: x for name, x in arguments.items() if x is not NO_ARRAY})
     data = mechanism._first_data
     named = dict(arrays) if data is None else {**arrays, "mechanism": data}
     if "external_forces" in arguments:
@@ -143,7 +147,7 @@ def checked(operation: str, mechanism: object, **arguments) -> tuple:
     _require_one_batch(named)
     if arguments.get("frames") is not None:
         arguments["frames"] = _frame_numbers(f"{operation}: frames", mechanism, arguments["frames"])
-    return tuple({**arguments, **arrays}.values())
+    return tuple(None if x is NO_ARRAY else x for x in {**arguments, **arrays}.values())
 
 
 def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> dict[str, jax.Array]:
@@ -155,9 +159,9 @@ def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> 
         for name, x in arguments.items()
         if name in sizes
     }
-    if "dt" in arguments:
+    for name in {"dt", "t"} & arguments.keys():
         dtype = next(iter(arrays.values())).dtype
-        arrays["dt"] = check.as_float_array(arguments["dt"], f"{operation}: dt", dtype)[..., None]
+        arrays[name] = check.as_float_array(arguments[name], f"{operation}: {name}", dtype)[..., None]
     return arrays
 
 

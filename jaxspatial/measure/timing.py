@@ -144,8 +144,7 @@ def recommend(function: Callable, *arguments, tolerance: float, rounds: int = 9)
         >>> print([row.precision for row in found.rows if row.holds])
         ['compensated', 'faithful']
     """
-    if not tolerance > 0:
-        raise ValueError(f"recommend: tolerance: expected a number above 0, got {tolerance!r}")
+    tolerance = check.above_zero(tolerance, "recommend: tolerance")
     if not any(map(_is_floating, jax.tree.leaves(arguments))):
         raise ValueError("recommend: arguments: expected arrays of floating point numbers, got none")
     calls = {str(p): compiled(function, p, arguments) for p in Precision}

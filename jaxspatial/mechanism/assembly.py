@@ -19,6 +19,7 @@ from jaxspatial.mechanism.parts import (
     Joint,
     Mimic,
     check_armature,
+    check_limits,
     known,
     numbers,
     parameter,
@@ -72,10 +73,11 @@ def registered_parameters(kinds: Iterable[str]) -> list[Parameter]:
 
 
 def _check_names(bodies: Sequence[Body], joints: Sequence[Joint], frames: Sequence[Frame]):
-    for what, kind, parts in (("bodies", Body, bodies), ("joints", Joint, joints), ("frames", Frame, frames)):
+    for what, parts in (("bodies", bodies), ("joints", joints), ("frames", frames)):
         for part in parts:
-            if not isinstance(part, kind):
-                raise TypeError(f"Mechanism.build: {what}: expected {kind.__name__}s, got {type(part).__name__}")
+            if not isinstance(part.name, str):
+                kind = type(part).__name__
+                raise TypeError(f"Mechanism.build: {what}: expected a text as the name of a {kind}, got {part.name!r}")
         _check_unique(what, [part.name for part in parts])
     for body in bodies:
         for field in ("inertia", "lift"):
@@ -194,6 +196,7 @@ class _Tree:
         leaders = [joint for joint in self.moving if joint.name not in self.mimics]
         for joint in leaders:
             check_armature(joint)
+            check_limits(joint)
         mimics = [(joint, self.mimics[joint.name]) for joint in self.moving if joint.name in self.mimics]
         alone, turn_limits = Mimic(""), np.array([joint.turn_limit for joint in self.moving], np.float64)
         return {

@@ -4,7 +4,6 @@ import dataclasses
 import math
 import operator
 from collections.abc import Iterable, Mapping
-from typing import Any
 
 import jax
 import numpy as np
@@ -62,9 +61,7 @@ def add_frames(mechanism: Mechanism, frames: Iterable[Frame]) -> Mechanism:
     named, new, carried_by = list(t.frames), list[RigidTransform](), list(t.carried_by)
     with in_double():
         poses = [_item(jax.tree.map(lambda x: x.astype(np.float64), places), i) for i in range(len(named))]
-        for frame in frames:
-            if not isinstance(frame, Frame):
-                check.refuse("add_frames: frames", "Frames", frame)
+        for frame in check.as_tuple(frames, Frame, "add_frames: frames", "Frame objects"):
             names = tuple(name for name, _ in named)
             if frame.name in names:
                 raise ValueError(f"add_frames: frames: there is a frame {frame.name!r} already")
@@ -94,8 +91,9 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
 
     Raises:
         KeyError: a name is no joint's; lists those there are.
-        ValueError: a joint is a mimic, or a quaternion has the length 0.
-        TypeError: numbers of the mechanism are data, or traced.
+        ValueError: a joint is a mimic, or its coordinates are not finite or not as many as it has, or a quaternion has
+            the length 0.
+        TypeError: numbers of the mechanism are data, or traced; positions are no mapping to known numbers.
 
     Error: a few u of float64, rounded once to the dtype, where numbers change; others stay as they are.
 
@@ -105,9 +103,12 @@ def lock_joints(mechanism: Mechanism, positions: Mapping[str, ArrayLike]) -> Mec
         ('shoulder',) [[5.3333]]
     """
     (bodies, joints, frames), t = parts(mechanism), mechanism.topology
-    locked, numbers = dict[str, float](), dict[str, Any](positions)
-    for name, q in numbers.items():
+    if not isinstance(positions, Mapping):
+        check.refuse("lock_joints: positions", "a mapping from names of joints", positions)
+    locked = dict[str, float]()
+    for name, given in positions.items():
         i = t.index(t.joint_names, name, "lock_joints: positions")
+        q = _position(given, f"lock_joints: positions[{name!r}]", t.kind(i).nq)
         if t.is_mimic(i):
             followed = t.joint_names[t.followed[i]]
             raise ValueError(f"lock_joints: {name!r} is a mimic: lock {followed!r}, which it follows")
@@ -249,6 +250,19 @@ def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
     X_JB = _item(mechanism.child_placements, i)
     X_BJ = X_JB if is_identity(X_JB) else jax.tree.map(np.asarray, X_JB.inverse())
     return mechanism.body_names[i], composed(X_BJ, X_JF)
+
+
+def _position(x, name: str, n: int):
+    """The known coordinates of a joint that has n."""
+    q = check.as_float_array(x, name, np.dtype(np.float64), keep_dtype=True)
+    if not check.is_computed(q):
+        raise TypeError(f"{name}: expected known numbers, got {check.in_short(q)}")
+    q = np.asarray(q, np.float64)
+    if q.shape not in ((), (n,)):
+        raise ValueError(f"{name}: expected a number or {n} of them, got shape {q.shape}")
+    if not np.isfinite(q).all():
+        raise ValueError(f"{name}: expected finite numbers, got {q.tolist()}")
+    return q
 
 
 def _locked(mechanism: Mechanism, joints: list[Joint], i: int, q: npt.ArrayLike):

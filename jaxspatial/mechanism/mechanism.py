@@ -139,7 +139,9 @@ class Mechanism:
             KeyError: a closure names no frame, or a tendon no joint; lists those there are.
             TypeError: a part has another type, or numbers are traced: put these in with `replace`.
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit;
-                an inertia is not finite, or masses, moments or weights overflow in the dtype.
+                an inertia or gravity is not finite, or masses, moments or weights overflow in the dtype; numbers of a
+                joint are NaN, its lower limits above the upper ones, or armature, friction or largest forces or
+                velocities below zero.
 
         Example:
             >>> pole = js.Joint("hinge", "revolute", "world", "pole", axis=(0, 1, 0))
@@ -147,8 +149,15 @@ class Mechanism:
             Mechanism(nq=1, nv=1, 1 bodies, float32)
               pole  <- hinge: revolute
         """
-        topology, arrays = assembled(list(bodies), list(joints), list(frames))
-        arrays["gravity"] = check.as_vectors(known(gravity), "Mechanism.build: gravity", keep_dtype=True)
+        topology, arrays = assembled(
+            check.as_tuple(bodies, Body, "Mechanism.build: bodies", "Body objects"),
+            check.as_tuple(joints, Joint, "Mechanism.build: joints", "Joint objects"),
+            check.as_tuple(frames, Frame, "Mechanism.build: frames", "Frame objects"),
+        )
+        gravity = known(gravity, "Mechanism.build: gravity")
+        arrays["gravity"] = check.as_vectors(gravity, "Mechanism.build: gravity", keep_dtype=True)
+        if not np.isfinite(gravity).all():
+            raise ValueError(f"Mechanism.build: gravity: expected finite numbers, got {gravity.tolist()}")
         require_in_range(topology, arrays, check.as_dtype(dtype))
         arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
         arrays["tendons"] = jax.tree.map(known, checked_tendons(tendons, topology, "Mechanism.build: tendons"))
@@ -178,6 +187,7 @@ class Mechanism:
             The mechanism, with NumPy numbers.
 
         Raises:
+            TypeError: path_or_text is something else, or floating_base neither True nor False.
             ValueError: the file is malformed, or has what a mechanism cannot represent; with line, element and reason.
             FileNotFoundError: there is no such file.
             ImportError: lxml is missing.
@@ -196,6 +206,9 @@ class Mechanism:
         """
         from jaxspatial.mechanism.formats import urdf
 
+        # Numbers in its place were meant as gravity.
+        if not isinstance(floating_base, bool | np.bool_):
+            check.refuse("from_urdf: floating_base", "True or False", floating_base)
         return urdf.read(cls.build, path_or_text, floating_base, gravity, dtype, strict)
 
     @classmethod

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +15,8 @@ from jaxspatial.numerics import check
 from jaxspatial.spatial import RigidTransform
 
 WORLD = "world"
+# Fields of joints that nothing real has below zero.
+_AT_LEAST_ZERO = {"armature", "friction_loss", "effort_limit", "velocity_limit"}
 # How far the length of a quaternion, or of a sine and cosine, may be from 1.
 _UNIT = 1e-3
 
@@ -97,6 +100,7 @@ class Joint:
         turn_limit: of "ball", the largest angle of its rotation, rad.
 
     Raises:
+        TypeError: the mimic has another form.
         ValueError: there is no such kind, or it has no such parameter or limit. `Mechanism.build` checks the rest.
 
     Example:
@@ -136,6 +140,11 @@ class Joint:
         if self.kind not in KINDS:
             known, near = ", ".join(map(repr, KINDS)), check.did_you_mean(self.kind, KINDS)
             raise ValueError(f"Joint {self.name!r}: kind: expected one of {known}, got {self.kind!r}{near}")
+        if self.mimic is not None and not _is_mimic(self.mimic):
+            expected = "(joint, multiplier, offset), a name and two numbers"
+            raise TypeError(f"Joint {self.name!r}: mimic: expected {expected}, got {self.mimic!r}")
+        if not isinstance(self.turn_limit, Real) or not self.turn_limit >= 0:
+            raise ValueError(f"Joint {self.name!r}: turn_limit: expected a number >= 0, got {self.turn_limit!r}")
         if self.turn_limit != math.inf and self.kind != "ball":
             raise ValueError(f"Joint {self.name!r}: turn_limit: expected none for {self.kind!r}, got {self.turn_limit}")
         names = [p.name for p in KINDS[self.kind].parameters if p.field is None]
@@ -149,22 +158,47 @@ class Joint:
 # -- the numbers of parts, checked ------------------------------------------------------------------------------------
 
 
-def known(x) -> np.ndarray:
-    """Known numbers, in float64."""
+def _is_mimic(x: object) -> bool:
+    if not isinstance(x, tuple | list) or not 1 <= len(x) <= 3:
+        return False
+    joint, *numbers = x
+    return isinstance(joint, str) and all(isinstance(number, Real) for number in numbers)
+
+
+def known(x, name: str = "Mechanism.build") -> np.ndarray:
+    """Known numbers, in float64. name: what they are of, in messages."""
     if isinstance(x, Tracer):
         raise TypeError(
             "Mechanism.build: expected known numbers (NumPy), got data that is traced; build with known ones, and put "
             "data in their place with Mechanism.replace (results within jax.ensure_compile_time_eval() are known)"
         )
-    return np.asarray(x, np.float64)
+    return np.asarray(check.as_float_array(x, name, np.dtype(np.float64), keep_dtype=True), np.float64)
 
 
 def numbers(joint: Joint, name: str, size: str) -> np.ndarray:
     """The numbers of a field of a joint, one per generalized velocity ("nv") or coordinate ("nq")."""
-    n, value = getattr(KINDS[joint.kind], size), known(getattr(joint, name))
+    what = f"Joint {joint.name!r}: {name}"
+    n, value = getattr(KINDS[joint.kind], size), known(getattr(joint, name), what)
     if value.shape not in ((), (n,)):
-        raise ValueError(f"Joint {joint.name!r}: {name}: expected a number or {n} of them, got shape {value.shape}")
+        raise ValueError(f"{what}: expected a number or {n} of them, got shape {value.shape}")
+    is_wrong = np.isnan(value) | (value < 0 if name in _AT_LEAST_ZERO else False)
+    if is_wrong.any():
+        least = " of at least 0" if name in _AT_LEAST_ZERO else ""
+        raise ValueError(f"{what}: expected numbers{least}, got {value.tolist()}")
     return np.broadcast_to(value, (n,))
+
+
+def check_limits(joint: Joint):
+    """Checks that the lower limits are not above the upper ones."""
+    lower, upper = (numbers(joint, name, "nq") for name in ("lower", "upper"))
+    if (lower > upper).any():
+        raise ValueError(
+            f"Joint {joint.name!r}: lower: expected at most upper, {_list(joint.upper)}, got {_list(joint.lower)}"
+        )
+
+
+def _list(x):
+    return np.asarray(x).tolist()
 
 
 def check_armature(joint: Joint):
@@ -187,12 +221,15 @@ def spring_reference(joint: Joint) -> np.ndarray:
 
 def parameter(joint: Joint, p: Parameter) -> np.ndarray:
     """The numbers (size,) of a parameter of a joint; a unit vector for a direction."""
-    value = known(getattr(joint, p.name) if p.field else joint.parameters.get(p.name, p.default))
+    given = getattr(joint, p.name) if p.field else joint.parameters.get(p.name, p.default)
+    value = known(given, f"Joint {joint.name!r}: {p.name}")
     if p.is_direction:
         return _unit(joint, p.name, value)
     if value.shape not in ((), (p.size,)):
         expected = f"{p.size} number{'s' * (p.size > 1)}"
         raise ValueError(f"Joint {joint.name!r}: {p.name}: expected {expected}, got shape {value.shape}")
+    if np.isnan(value).any():
+        raise ValueError(f"Joint {joint.name!r}: {p.name}: expected numbers, got {value.tolist()}")
     return np.broadcast_to(value, (p.size,))
 
 

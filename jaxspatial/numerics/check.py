@@ -203,7 +203,10 @@ def as_dtype(x: DTypeLike | None) -> np.dtype:
     """The dtype of this name, NumPy's own: None and Python's `float` are JAX's default."""
     if x is None or x is float:
         return np.dtype(jax.dtypes.canonicalize_dtype(float))
-    dtype = np.dtype(x)
+    try:
+        dtype = np.dtype(x)
+    except TypeError:
+        raise TypeError(f"dtype: expected {_FLOATS}, got {x!r}") from None
     if not _is_floating(dtype):
         raise TypeError(f"dtype: expected {_FLOATS}, got {dtype}")
     return dtype
@@ -358,6 +361,35 @@ def as_count(x: object, name: str, least: int) -> int:
     if isinstance(x, bool) or n is None or n < least:
         raise ValueError(f"{name}: expected an integer >= {least}, got {in_short(x)}")
     return n
+
+
+def above_zero(x: object, name: str) -> float:
+    """x as a float; refused unless it is a number above zero, known while tracing."""
+    try:
+        number = None if isinstance(x, str) else float(cast(Any, x))
+    except (TypeError, ValueError):
+        number = None
+    if number is None or not number > 0:
+        raise ValueError(f"{name}: expected a number above 0, known while tracing, got {in_short(x)}")
+    return number
+
+
+def as_batch_shape(x: object) -> _Shape:
+    """A batch shape, given as a number or as numbers, among them symbols of `jax.export`."""
+    sizes = tuple(x) if isinstance(x, Iterable) and not isinstance(x, str) else (x,)
+    for n in sizes:
+        is_symbol = hasattr(n, "dimension_as_value")
+        if not is_symbol and (not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 0):
+            raise ValueError(f"batch_shape: expected integers >= 0, one or a tuple of them, got {in_short(x)}")
+    return cast(_Shape, sizes)
+
+
+def require_key(key: object, name: str) -> None:
+    """One key of `jax.random`, of the new kind or of the old one, uint32[2]."""
+    is_typed = isinstance(key, jax.Array) and jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    is_raw = isinstance(key, (jax.Array, np.ndarray)) and key.dtype == np.uint32 and key.ndim == 1
+    if not is_raw and not (is_typed and cast(Any, key).ndim == 0):
+        raise TypeError(f"{name}: expected a single key, as jax.random.key(0), got {in_short(key)}")
 
 
 def is_computed(x) -> bool:

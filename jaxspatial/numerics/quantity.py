@@ -302,7 +302,7 @@ class Additive(Quantity):
 
     @classmethod
     def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> typing.Self:
-        batch, dtype = (batch_shape,) if isinstance(batch_shape, int) else batch_shape, check.as_dtype(dtype)
+        batch, dtype = check.as_batch_shape(batch_shape), check.as_dtype(dtype)
         arrays = [check.numpy_for(batch).full((*batch, *item), value, dtype) for item in cls._items]
         return cls(*arrays)
 
@@ -351,6 +351,8 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
         >>> print(many.batch_shape, many.at_batch(1) == 2.0 * F)
         (2,) True
     """
+    if isinstance(quantities, Quantity) or not isinstance(quantities, Iterable):
+        check.refuse("stack: quantities", "a sequence of spatial vectors or the like", quantities)
     arguments = {f"quantities[{i}]": x for i, x in enumerate(quantities)}
     _require_alike(arguments)
     items = list(check.same_dtype(**arguments).values())

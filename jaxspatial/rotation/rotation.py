@@ -133,7 +133,7 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 3.0])
             [1. 2. 3.]
         """
-        shape = (batch_shape,) if isinstance(batch_shape, int) else batch_shape
+        shape = check.as_batch_shape(batch_shape)
         entries = np.eye(3, dtype=check.as_dtype(dtype)).ravel()
         return cls(check.numpy_for(shape).broadcast_to(entries, (*shape, 9)))
 

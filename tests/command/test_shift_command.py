@@ -435,3 +435,21 @@ def test_names_behind_a_sign_of_comments(wrenches):
 def test_a_column_of_row_numbers_is_no_comment(wrenches):
     _write(["#", *COLUMNS[:6]], np.c_[np.arange(40), _table(wrenches)[:, :6]])
     assert main(["shift", "mine.csv", *OFFSET]) == 0
+
+
+def test_a_subcommand_that_is_misspelt_is_told(wrenches, capsys):
+    assert main(["shfit", "mine.csv", *OFFSET]) == 2
+    assert capsys.readouterr().err == "error: shfit: expected a subcommand or a file; did you mean 'shift'?\n"
+
+
+@pytest.mark.parametrize("port", ["abc", "-1", "65536"])
+def test_a_port_that_there_is_not_is_refused_before_any_work(port, capsys):
+    with pytest.raises(SystemExit):
+        main(["demo", "--port", port])
+    assert f"argument --port: expected a number from 0 to 65535, got {port}" in capsys.readouterr().err
+
+
+def test_nobody_is_advised_to_load_pickles(wrenches, capsys):
+    pathlib.Path("mine.npz").write_text("tau_x")
+    assert main(["shift", "mine.npz", *OFFSET]) == 2
+    assert capsys.readouterr().err == "error: mine.npz: expected a NumPy .npz archive of arrays, got no archive\n"

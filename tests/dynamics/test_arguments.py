@@ -169,3 +169,55 @@ def test_a_count_is_an_integer_that_is_known_while_tracing():
         jax.jit(step)(3)
     for a, b in zip(step(np.int64(2)), step(2), strict=True):
         np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize(("name", "parameter"), list(_cases()))
+def test_no_array_is_left_out(name, parameter):
+    """None is no array of zeros, and no time."""
+    with pytest.raises(TypeError, match=rf"{name}: {parameter}: expected .*, got NoneType None"):
+        ALGORITHMS[name](**_arguments(ALGORITHMS[name], np.float32, **{parameter: None}))
+
+
+@pytest.mark.parametrize("key", [0, np.random.default_rng(0), jax.random.split(jax.random.key(0))])
+def test_a_key_is_one_of_jax_random(key):
+    with pytest.raises(
+        TypeError, match=r"^random_configuration: key: expected a single key, as jax.random.key\(0\), got"
+    ):
+        js.random_configuration(MECH, key)
+    with pytest.raises(TypeError, match="^inverse_kinematics: key: expected a single key"):
+        js.inverse_kinematics(MECH, np.ones(2, np.float32), "body0", np.ones(3, np.float32), starts=2, key=key)
+    assert js.random_configuration(MECH, jax.random.PRNGKey(0)).shape == (2,)
+
+
+@pytest.mark.parametrize("shape", [-3, 2.5, "a", (2, -1), True])
+def test_a_batch_shape_has_integers(shape):
+    makers = (js.SpatialForce.zero, js.Rotation.identity, js.RigidTransform.identity, js.SpatialInertia.zero)
+    for make in (*makers, lambda shape: js.random_configuration(MECH, jax.random.key(0), shape)):
+        with pytest.raises(ValueError, match="^batch_shape: expected integers >= 0, one or a tuple of them, got"):
+            make(shape)
+
+
+def test_tolerances_are_numbers():
+    ones = np.ones(2, np.float32)
+    for x in ("1", None, np.ones(2)):
+        with pytest.raises(ValueError, match="^inverse_kinematics: angle: expected a number above 0"):
+            js.inverse_kinematics(MECH, ones, "body0", np.ones(3, np.float32), angle=x)
+        with pytest.raises(ValueError, match="^recommend: tolerance: expected a number above 0"):
+            js.measure.recommend(lambda x: x, ones, tolerance=x)
+
+
+def test_contacts_at_a_frame_that_is_not_there():
+    contacts = js.PointContacts(["body9"], stiffness=1.0, relaxation_time=0.1, friction=0.5)
+    with pytest.raises(KeyError, match="convex_step: contacts: frames: expected one of .*, got 'body9'"):
+        js.convex_step(MECH, *np.ones((3, 2), np.float32), 0.1, contacts=contacts)
+
+
+def test_dtypes_and_names_that_are_not_there():
+    with pytest.raises(TypeError, match="^dtype: expected float16, bfloat16, float32 or float64, got 'float23'"):
+        MECH.astype("float23")
+    with pytest.raises(AttributeError, match="no attribute 'SpatialForces'; did you mean 'SpatialForce'"):
+        getattr(js, "SpatialForces")  # noqa: B009
+    with pytest.raises(
+        TypeError, match="^stack: quantities: expected a sequence of spatial vectors .*got SpatialForce"
+    ):
+        js.stack(js.SpatialForce.zero())

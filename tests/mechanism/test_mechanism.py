@@ -309,9 +309,11 @@ A = js.Body("a")
 J = revolute("j", "world", "a")
 BATCHED = revolute("j", "world", "a", child_placement=js.RigidTransform.identity((2,)))
 REFUSED = {
-    "no body": (([3], [J]), TypeError, "Mechanism.build: bodies: expected Bodys, got int"),
-    "no joint": (([A], [A]), TypeError, "Mechanism.build: joints: expected Joints, got Body"),
-    "no frame": (([A], [J], [J]), TypeError, "Mechanism.build: frames: expected Frames, got Joint"),
+    "no body": (([3], [J]), TypeError, "Mechanism.build: bodies: expected a sequence of Body objects, got .3"),
+    "no joint": (([A], [A]), TypeError, "Mechanism.build: joints: expected a sequence of Joint objects, got .Body"),
+    "no frame": (([A], [J], [J]), TypeError, "Mechanism.build: frames: expected a sequence of Frame objects, got .J"),
+    "a body alone": ((A, [J]), TypeError, "Mechanism.build: bodies: expected a sequence of Body objects, got Body"),
+    "a number as a name": (([js.Body(3)], [J]), TypeError, "Mechanism.build: bodies: .*name of a Body, got 3"),
     "body twice": (([A, A], [J]), ValueError, "Mechanism.build: bodies: 'a' comes twice"),
     "joint twice": (([A, js.Body("b")], [J, revolute("j", "a", "b")]), ValueError, "joints: 'j' comes twice"),
     "two parents": (([A, js.Body("b")], [J, revolute("k", "b", "a")]), ValueError, "joints: children: 'a' comes twice"),
@@ -346,6 +348,17 @@ REFUSED = {
         ([A], [js.Joint("j", "free", "world", "a", armature=(1.0, 2, 3, 4, 4, 5))]),
         ValueError, "Joint 'j': armature: expected one number for the linear .* 'free', .* got .4.0, 4.0, 5.0",
     ),
+    "axis as a text": (([A], [revolute("j", "world", "a", axis="z")]), TypeError, "Joint 'j': axis: expected an array"),
+    "damping as a text": (([A], [revolute("j", "world", "a", damping="1")]), TypeError, "Joint 'j': damping: expected"),
+    "damping of NaN": (([A], [revolute("j", "world", "a", damping=np.nan)]), ValueError, "'j': damping: .*got nan"),
+    "pitch of NaN": (([A], [js.Joint("j", "helical", "world", "a", pitch=np.nan)]), ValueError, "pitch: .*got nan"),
+    "armature below zero": (([A], [revolute("j", "world", "a", armature=-1.0)]), ValueError, "at least 0, got -1.0"),
+    "effort below zero": (([A], [revolute("j", "world", "a", effort_limit=-1.0)]), ValueError, "at least 0, got -1.0"),
+    "limits in disorder": (
+        ([A], [revolute("j", "world", "a", lower=1.0, upper=-1.0)]),
+        ValueError, "Joint 'j': lower: expected at most upper, -1.0, got 1.0",
+    ),
+    "gravity of NaN": (([A], [J], (), (0.0, 0.0, np.nan)), ValueError, "Mechanism.build: gravity: .*finite.*nan"),
     "limits": (([A], [revolute("j", "world", "a", lower=(1.0, 2.0))]), ValueError, r"'j': lower: .*got shape \(2,\)"),
     "gravity": (([A], [J], (), (0.0, 1.0)), ValueError, r"Mechanism.build: gravity: expected shape .* got \(2,\)"),
 }  # fmt: skip
@@ -355,6 +368,40 @@ REFUSED = {
 def test_refused(arguments, error, message):
     with pytest.raises(error, match=message):
         js.Mechanism.build(*arguments)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ({"mimic": "elbow"}, TypeError, r"Joint 'j': mimic: expected \(joint, multiplier, offset\).* got 'elbow'"),
+        ({"mimic": ("k", "2")}, TypeError, "Joint 'j': mimic: expected"),
+        ({"kind": "ball", "turn_limit": -1.0}, ValueError, "Joint 'j': turn_limit: expected a number >= 0, got -1.0"),
+        ({"kind": "ball", "turn_limit": "1"}, ValueError, "Joint 'j': turn_limit: expected a number >= 0, got '1'"),
+    ],
+)
+def test_joints_that_are_refused_at_once(given, error, message):
+    with pytest.raises(error, match=message):
+        js.Joint(**{"name": "j", "kind": "revolute", "parent": "world", "child": "a"} | given)
+
+
+@pytest.mark.parametrize(
+    ("positions", "error", "message"),
+    [
+        (["elbow"], TypeError, "lock_joints: positions: expected a mapping from names of joints, got list"),
+        ({"elbow": "0.3"}, TypeError, "'elbow'.: expected an array of floating point .*got str '0.3'"),
+        ({"elbow": [0.3, 0.2]}, ValueError, r"'elbow'.: expected a number or 1 of them, got shape \(2,\)"),
+        ({"elbow": np.nan}, ValueError, "'elbow'.: expected finite numbers, got nan"),
+    ],
+)
+def test_positions_at_which_no_joint_is_locked(positions, error, message):
+    elbow = js.Mechanism.build([A], [revolute("elbow", "world", "a")])
+    with pytest.raises(error, match=message):
+        js.lock_joints(elbow, positions)
+
+
+def test_frames_are_a_sequence():
+    with pytest.raises(TypeError, match="add_frames: frames: expected a sequence of Frame objects, got Frame"):
+        js.add_frames(js.Mechanism.build([A], [J]), js.Frame("tool", "a"))
 
 
 def heavy(mass, com=(0.0, 0.0, 0.0), central=(1.0, 0, 1, 0, 0, 1)):

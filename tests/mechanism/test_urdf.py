@@ -530,6 +530,19 @@ def test_what_is_neither_path_nor_text(text, message):
         js.Mechanism.from_urdf(text)
 
 
+@pytest.mark.parametrize("text", [b"", bytes(range(256))])
+def test_a_file_without_text_is_refused_in_our_words(text, tmp_path):
+    (path := tmp_path / "arm.urdf").write_bytes(text)
+    with pytest.raises(ValueError, match="^from_urdf: malformed XML: Document is empty, line 1, column 1; mend"):
+        js.Mechanism.from_urdf(path)
+
+
+def test_numbers_are_no_floating_base():
+    """They were meant as gravity."""
+    with pytest.raises(TypeError, match="^from_urdf: floating_base: expected True or False, got tuple"):
+        js.Mechanism.from_urdf(ARM, (0.0, 0.0, -9.81))
+
+
 def test_what_comes_before_the_text_does_no_harm(tmp_path):
     """A mark of the byte order, blanks before a declaration, and a declaration of what text no longer is."""
     expected, path = repr(read()), tmp_path / "arm.urdf"

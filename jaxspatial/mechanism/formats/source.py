@@ -218,7 +218,14 @@ def parsed(operation: str, text: bytes, encoding: str | None, strict: bool) -> t
 def _tree(operation: str, text: bytes, encoding: str | None, harmless: Iterable[str]):
     etree = needed(operation, "lxml.etree")
     parser = etree.XMLParser(encoding=encoding, recover=True)
-    root = etree.parse(io.BytesIO(text), parser).getroot()
+    try:
+        root = etree.parse(io.BytesIO(text), parser).getroot()
+    except etree.XMLSyntaxError as error:
+        # There is nothing to go on with: the file is empty, or no text.
+        line, column = error.position
+        raise ValueError(
+            f"{operation}: malformed XML: {error.msg.split(',')[0]}, line {line}, column {column}; mend the file there"
+        ) from None
     return root, [e for e in parser.error_log if e.type_name not in harmless and e.level_name != "WARNING"]
 
 
