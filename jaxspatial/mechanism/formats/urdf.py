@@ -625,10 +625,12 @@ def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -
 
 
 def _sizes(file: _File, part: Element, name: str, n: int) -> list[float]:
-    """The numbers of a size, above 0, or of a scale, not 0: a mesh may be mirrored."""
-    values = numbers_of(part.get(name, ""))
-    if values is None or len(values) != n or not all(x > 0 or (name == "scale" and x < 0) for x in values):
-        file.refuse_element(part, f"{name}: expected {_counted(n)} above 0, got {part.get(name)!r}")
+    """The numbers of a size, above 0, or of a scale, not 0: a mesh may be mirrored. A sphere may be a point."""
+    values, is_scale, is_sphere = numbers_of(part.get(name, "")), name == "scale", part.tag.endswith("sphere")
+    fits = (lambda x: x != 0) if is_scale else (lambda x: x >= 0) if is_sphere else (lambda x: x > 0)
+    if values is None or len(values) != n or not all(map(fits, values)):
+        bound = "other than 0" if is_scale else "of at least 0" if is_sphere else "above 0"
+        file.refuse_element(part, f"{name}: expected {_counted(n)} {bound}, got {part.get(name)!r}")
     return values
 
 
