@@ -88,6 +88,15 @@ def test_a_sphere_without_radius_is_a_point():
     np.testing.assert_array_equal(contacts.radius[:3], np.array([0, 0.1, 0.1], contacts.dtype))
 
 
+def test_words_of_vendors_beside_a_shape_are_left_out():
+    text = URDF.replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ', 1)
+    marked = text.replace('<sphere radius="0.5"/>', '<sphere radius="0.5"/><drake:declare_convex/>')
+    np.testing.assert_array_equal(of_urdf(marked).positions, of_urdf(text).positions)
+    alone = text.replace('<sphere radius="0.5"/>', "<drake:declare_convex/>")
+    with pytest.raises(ValueError, match="expected a <geometry> with one of sphere, .*, got <drake:declare_convex>"):
+        of_urdf(alone)
+
+
 def test_geoms_of_an_mjcf(x64):
     contacts = of_mjcf(geoms=["ball", "pill", "box", "egg"])
     assert contacts.frames == ("base",) * 3 + ("foot",) * 14

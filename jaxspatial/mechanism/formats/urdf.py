@@ -605,12 +605,15 @@ def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -
     for origin in collision.findall("origin"):
         file.check(origin)
     parts = [part for geometry in collision.findall("geometry") for part in geometry.iterchildren("*")]
-    kind = word_of(parts[0]).rpartition(":")[2] if len(parts) == 1 else ""
+    words = [word_of(part) for part in parts]
+    # Words of vendors beside a shape, such as <drake:declare_convex/>, are no shapes.
+    shapes = [i for i, word in enumerate(words) if ":" not in word or word.rpartition(":")[2] in _SIZES]
+    kind = words[shapes[0]].rpartition(":")[2] if len(shapes) == 1 else ""
     if kind not in _SIZES:
-        came = ", ".join(f"<{word_of(part)}>" for part in parts) or "none"
+        came = ", ".join(f"<{word}>" for word in words) or "none"
         expected = f"expected a <geometry> with one of {', '.join(_SIZES)}, got {came}"
         file.refuse_element(collision, f"{expected}; leave it out of the file")
-    part = parts[0]
+    part = parts[shapes[0]]
     size = [x for name in _SIZES[kind] for x in _sizes(file, part, name, 3 if name == "size" else 1)]
     vertices = None
     if kind == "mesh":
