@@ -270,7 +270,7 @@ def test_arguments_that_do_not_fit(options, error, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('radius="0.5"', 'radius="-1"', "line 3: <sphere>: radius: expected 1 number of at least 0, got '-1'"),
+        ('radius="0.5"', 'radius="-1"', "from_urdf: line 3: <sphere>: radius: expected 1 number of at least 0, got"),
         ('radius="0.1"', 'radius="0"', r"<capsule>: radius: expected 1 number above 0, got '0'"),
         ('<sphere radius="0.5"/>', '<mesh filename="a" scale="1 0 1"/>', "scale: expected 3 numbers other than 0, got"),
         ('size="2 4 6"', 'size="2 4"', r"line 8: <box>: size: expected 3 numbers above 0, got '2 4'"),
