@@ -80,6 +80,23 @@ def test_points_of_shapes():
     np.testing.assert_array_equal(of_urdf(rim=5).positions.shape, (21, 3))
 
 
+def test_a_sphere_without_radius_is_a_point():
+    """Files mark points of a sole so."""
+    text = URDF.replace('radius="0.5"', 'radius="0.0"')
+    contacts = js.PointContacts.from_urdf(js.Mechanism.from_urdf(text, True), text, **LAW, friction=0.5)
+    np.testing.assert_array_equal(contacts.positions[0], np.zeros(3))
+    np.testing.assert_array_equal(contacts.radius[:3], np.array([0, 0.1, 0.1], contacts.dtype))
+
+
+def test_words_of_vendors_beside_a_shape_are_left_out():
+    text = URDF.replace("<robot ", '<robot xmlns:drake="http://drake.mit.edu" ', 1)
+    marked = text.replace('<sphere radius="0.5"/>', '<sphere radius="0.5"/><drake:declare_convex/>')
+    np.testing.assert_array_equal(of_urdf(marked).positions, of_urdf(text).positions)
+    alone = text.replace('<sphere radius="0.5"/>', "<drake:declare_convex/>")
+    with pytest.raises(ValueError, match="expected a <geometry> with one of sphere, .*, got <drake:declare_convex>"):
+        of_urdf(alone)
+
+
 def test_geoms_of_an_mjcf(x64):
     contacts = of_mjcf(geoms=["ball", "pill", "box", "egg"])
     assert contacts.frames == ("base",) * 3 + ("foot",) * 14
@@ -253,7 +270,9 @@ def test_arguments_that_do_not_fit(options, error, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('radius="0.5"', 'radius="-1"', r"from_urdf: line 3: <sphere>: radius: expected 1 number above 0, got '-1'"),
+        ('radius="0.5"', 'radius="-1"', "from_urdf: line 3: <sphere>: radius: expected 1 number of at least 0, got"),
+        ('radius="0.1"', 'radius="0"', r"<capsule>: radius: expected 1 number above 0, got '0'"),
+        ('<sphere radius="0.5"/>', '<mesh filename="a" scale="1 0 1"/>', "scale: expected 3 numbers other than 0, got"),
         ('size="2 4 6"', 'size="2 4"', r"line 8: <box>: size: expected 3 numbers above 0, got '2 4'"),
         ('radius="2" length', 'radius="2" high', r"line 9: <cylinder>: length: expected 1 number above 0, got None"),
         ("<sphere ", "<cone ", r"line 3: <collision>: expected a <geometry> with one of sphere, .*, got <cone>"),

@@ -605,12 +605,15 @@ def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -
     for origin in collision.findall("origin"):
         file.check(origin)
     parts = [part for geometry in collision.findall("geometry") for part in geometry.iterchildren("*")]
-    kind = word_of(parts[0]).rpartition(":")[2] if len(parts) == 1 else ""
+    words = [word_of(part) for part in parts]
+    # Words of vendors beside a shape, such as <drake:declare_convex/>, are no shapes.
+    shapes = [i for i, word in enumerate(words) if ":" not in word or word.rpartition(":")[2] in _SIZES]
+    kind = words[shapes[0]].rpartition(":")[2] if len(shapes) == 1 else ""
     if kind not in _SIZES:
-        came = ", ".join(f"<{word_of(part)}>" for part in parts) or "none"
+        came = ", ".join(f"<{word}>" for word in words) or "none"
         expected = f"expected a <geometry> with one of {', '.join(_SIZES)}, got {came}"
         file.refuse_element(collision, f"{expected}; leave it out of the file")
-    part = parts[0]
+    part = parts[shapes[0]]
     size = [x for name in _SIZES[kind] for x in _sizes(file, part, name, 3 if name == "size" else 1)]
     vertices = None
     if kind == "mesh":
@@ -625,10 +628,12 @@ def _shape(file: _File, number: int, collision: Element, folder: pathlib.Path) -
 
 
 def _sizes(file: _File, part: Element, name: str, n: int) -> list[float]:
-    """The numbers of a size, above 0, or of a scale, not 0: a mesh may be mirrored."""
-    values = numbers_of(part.get(name, ""))
-    if values is None or len(values) != n or not all(x > 0 or (name == "scale" and x < 0) for x in values):
-        file.refuse_element(part, f"{name}: expected {_counted(n)} above 0, got {part.get(name)!r}")
+    """The numbers of a size, above 0, or of a scale, not 0: a mesh may be mirrored. A sphere may be a point."""
+    values, is_scale, is_sphere = numbers_of(part.get(name, "")), name == "scale", part.tag.endswith("sphere")
+    fits = (lambda x: x != 0) if is_scale else (lambda x: x >= 0) if is_sphere else (lambda x: x > 0)
+    if values is None or len(values) != n or not all(map(fits, values)):
+        bound = "other than 0" if is_scale else "of at least 0" if is_sphere else "above 0"
+        file.refuse_element(part, f"{name}: expected {_counted(n)} {bound}, got {part.get(name)!r}")
     return values
 
 
