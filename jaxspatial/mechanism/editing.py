@@ -129,7 +129,7 @@ def subtree(mechanism: Mechanism, body: str) -> Mechanism:
 
     Returns:
         The mechanism of these bodies and their frames, with NumPy numbers, and with the loops that close between frames
-        that are left.
+        that are left, and the tendons over joints that are left alone.
 
     Raises:
         KeyError: there is no such body; lists those there are.
@@ -162,7 +162,9 @@ def _rebuilt(
     names = {WORLD, *(part.name for part in (*bodies, *frames))}
     loops = [loop for loop in mechanism.loops if {loop.frame_a, loop.frame_b} <= names]
     own = {joint.name for joint in joints}
-    tendons = [_over(tendon, locked or {}) for tendon in mechanism.tendons if own.issuperset(tendon.joints)]
+    left = [x for x in mechanism.tendons if own.issuperset(x.joints)]
+    # The length of a tendon over locked joints alone is constant: it does nothing.
+    tendons = [_over(x, locked) for x in left if not locked.keys() >= {*x.joints}] if locked else left
     return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops, tendons)
 
 

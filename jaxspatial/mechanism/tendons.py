@@ -37,7 +37,7 @@ class Tendon:
 
     Raises:
         TypeError: names are no text, or numbers are none of floating point.
-        ValueError: the numbers of names and of coefficients differ.
+        ValueError: there is no name, or the numbers of names and of coefficients differ.
 
     Example:
         >>> band = js.Tendon("band", ["shoulder", "elbow"], [0.25, -0.5], stiffness=8.0)
@@ -72,6 +72,8 @@ class Tendon:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints", check.as_tuple(self.joints, str, "Tendon: joints", "names"))
+        if not self.joints:
+            raise ValueError(f"Tendon {self.name!r}: joints: expected at least one name, got none")
         for field, size in leaf_shapes(self).items():
             x = getattr(self, field)
             if check.is_tree_mark(x):

@@ -97,6 +97,9 @@ def test_editing_keeps_them():
     locked = js.lock_joints(mech, {"b": 0.5})
     for q in (-0.4, 0.6):
         np.testing.assert_allclose(forces(locked, [q], [0.5]), forces(mech, [q, 0.5], [0.5, 0])[:1], rtol=1e-5)
+    # A tendon over locked joints alone does nothing.
+    assert [x.name for x in js.lock_joints(mech, {"a": 0.5}).tendons] == ["band"]
+    assert js.lock_joints(mech, {"a": 0.5, "b": 0.5}).tendons == ()
     below = js.subtree(mech, "b")
     assert (below.tendons, below.lifts.mass.tolist()) == ((), [1, 0])
     again = js.subtree(mech, "a")
@@ -163,6 +166,8 @@ def test_tendons_that_are_refused(joints, c, kind, message):
 def test_numbers_that_are_refused():
     with pytest.raises(ValueError, match=r"Tendon 't': coefficients: expected shape \(2,\), got \(1,\)"):
         js.Tendon("t", ["a", "b"], [1.0])
+    with pytest.raises(ValueError, match="Tendon 't': joints: expected at least one name, got none"):
+        js.Tendon("t", [], [])
     with pytest.raises(TypeError, match="Tendon: joints: expected a sequence of names, got 'ab'"):
         js.Tendon("t", "ab", [1.0])
     with pytest.raises(TypeError, match="Mechanism.replace: tendons: expected a sequence of Tendons, got 3"):
