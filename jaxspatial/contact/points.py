@@ -111,14 +111,16 @@ class ContactData(TermData):
             w = mean_size(world.relative_mobility(*at_C)[0].J)
             rigid = NEAR_RIGID * w
             R_n = where(high(rigid) > high(compliant), rigid, compliant)
-            return R_n, STICKING * w, high(w) != 0, world.reach(*at_C, own.normal) / memory
+            is_movable = high(w) != 0
+            # What cannot move has no law: one that is evaluated nevertheless divides by these.
+            R_n, R_t = (where(is_movable, x, 1.0) for x in (R_n, STICKING * w))
+            return R_n, R_t, is_movable, world.reach(*at_C, own.normal) / memory
 
         _ = world.units if state.topology.has_mimics else world.mobility  # Made here, of all groups.
         R_n, R_t, is_movable, noise = found.each(softness, 1 / (dt * stiffness * memory), memory)
         if not found._is_whole:
             # Where no contact is inside they are 0: a law of these would have no derivatives.
             R_n, R_t = (where(high(x) == 0, 1.0, x) for x in (R_n, R_t))
-        # What cannot move has no law: its R_t is zero.
         return dataclasses.replace(found, is_touching=is_inside & is_movable, R_n=R_n, R_t=R_t, noise=noise)
 
 

@@ -525,9 +525,11 @@ def _rows_of_bundle(state: MechanismState, b: Bundle, x: Number) -> Numbers:
 
 
 def mean_size(S: Symmetric) -> Number:
-    """The Frobenius norm over 3."""
+    """The Frobenius norm over 3; of zero it is zero, and so are its derivatives."""
     xx, xy, yy, xz, yz, zz = S
-    return dot((xx, yy, zz, xy + xy, xz + xz, yz + yz), (xx, yy, zz, xy, xz, yz)).sqrt() / 3
+    square = dot((xx, yy, zz, xy + xy, xz + xz, yz + yz), (xx, yy, zz, xy, xz, yz))
+    is_none = high(square) == 0
+    return where(is_none, 0.0, where(is_none, 1.0, square).sqrt() / 3)
 
 
 def is_nan(x: Number) -> Mask:

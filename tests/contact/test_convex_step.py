@@ -443,6 +443,34 @@ def _relative(mech, q, loops):
         yield difference
 
 
+@pytest.mark.parametrize("with_mimic", [False, slow(True)])
+def test_a_contact_that_nothing_can_move_does_nothing(with_mimic):
+    """A point on the axis of the only hinge that carries it: no force, and the step and its derivatives without it."""
+    out = js.RigidTransform(js.Rotation.identity(), np.array([0.0, 0, 0.5]))
+    joints = [
+        js.Joint("j", "revolute", "world", "a", axis=(0, 1, 0)),
+        js.Joint("k", "prismatic", "a", "b", out, axis=(1, 0, 0)),
+    ]
+    joints += [js.Joint("l", "revolute", "b", "c", out, mimic=("k", 0.5))] if with_mimic else []
+    ball = js.SpatialInertia.solid_sphere(np.float64(0.2), mass=np.float64(2)).shift(np.array([0.1, 0, 0.3]))
+    mech = js.Mechanism.build([js.Body(x, ball) for x in "abc"[: len(joints)]], joints, dtype=np.float64)
+    held = spheres(["a"], np.zeros((1, 3)), 0.0, np.float64(STIFF), TAU_D, 0.5)
+
+    def after(contacts, q, v):
+        found = js.convex_step(mech, q, v, np.array([0.1, 0.1]), 1e-2, contacts=contacts)
+        return found[:2], found.contact_forces
+
+    at = np.array([0.2, 0.1]), np.array([0.5, -0.3])
+    whole = interpreted(lambda q, v: (after(held, q, v), jax.jacobian(functools.partial(after, held), (0, 1))(q, v)))
+    (found, forces), (slopes, of_forces) = whole(*at)
+    without = interpreted(lambda q, v: (after(None, q, v), jax.jacobian(functools.partial(after, None), (0, 1))(q, v)))
+    (expected, _), (expected_slopes, _) = without(*at)
+    for x in jax.tree.leaves((forces, of_forces)):
+        np.testing.assert_array_equal(x, 0)
+    for x, y in zip(jax.tree.leaves((found, slopes)), jax.tree.leaves((expected, expected_slopes)), strict=True):
+        np.testing.assert_allclose(x, y, rtol=0, atol=1e-12)
+
+
 def test_limits_on_joints_of_several_coordinates_are_no_terms():
     body = js.Body("a", js.SpatialInertia.solid_ellipsoid(np.array([0.2, 0.3, 0.1]), mass=np.float64(2)))
     mech = js.Mechanism.build([body], [js.Joint("j", "planar", "world", "a")], dtype=np.float64)
