@@ -409,7 +409,7 @@ _BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[Any, ...], Progra
 
 def program_cache(mechanism: Mechanism | None, reads: tuple, tree, leaves: Sequence) -> ProgramCache:
     """The cache of programs for the fields of a mechanism; None: of programs without one."""
-    topology = None if mechanism is None else mechanism.topology.skeleton
+    topology: Any = None if mechanism is None else mechanism.topology.skeleton
     of_mechanism: dict = {} if mechanism is None else _BY_MECHANISM.setdefault(mechanism, {})
     if reads in of_mechanism:
         return of_mechanism[reads]

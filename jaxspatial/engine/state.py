@@ -50,7 +50,7 @@ class JointState(NamedTuple):
 
     def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
         """The columns of dS/dt."""
-        return self.kind.motion_subspace_rate(*self._arguments, v)
+        return self.kind.motion_subspace_rate(*[*self._arguments, v])
 
     @property
     def _arguments(self) -> tuple:
