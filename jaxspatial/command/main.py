@@ -36,9 +36,10 @@ def main(arguments: Iterable[str] | None = None):
 def _run(arguments):
     """What is done without a subcommand is `trade`; without any argument, the first look."""
     jobs = ("trade", "shift", "self-check", "demo")
-    if arguments and not pathlib.Path(arguments[0]).suffix and (near := did_you_mean(arguments[0], jobs, 0.75)):
-        if arguments[0] not in jobs:
-            raise WrenchFileError(f"{arguments[0]}: expected a subcommand or a file{near}")
+    first = arguments[0] if arguments else "-"
+    if first not in jobs and first[:1] != "-" and not pathlib.Path(first).suffix:
+        if near := did_you_mean(first, jobs, 0.75):
+            raise WrenchFileError(f"{first}: expected a subcommand or a file{near}")
     job, *rest = arguments if arguments and arguments[0] in jobs else ["trade", *arguments]
     if job == "shift":
         return wrench_file.convert(options.to_shift(rest))

@@ -269,7 +269,7 @@ def test_frames_that_cannot_be_added():
     for frames, error, message in [
         ([js.Frame("tip", "lower")], ValueError, "add_frames: frames: there is a frame 'tip' already"),
         ([js.Frame("x", "lover")], KeyError, "add_frames: Frame 'x': body: .*did you mean 'lower'"),
-        (["x"], TypeError, "add_frames: frames: expected Frames, got str"),
+        (["x"], TypeError, "add_frames: frames: expected a sequence of Frame objects, got \\['x'\\]"),
     ]:
         with pytest.raises(error, match=message):
             js.add_frames(arm(), frames)

@@ -69,7 +69,7 @@ def test_infinite_where_a_result_is_not_finite():
 
 
 def test_errors():
-    with pytest.raises(ValueError, match="tolerance: expected a number above 0, got 0"):
+    with pytest.raises(ValueError, match="tolerance: expected a number above 0, known while tracing, got 0"):
         recommend(lambda x: x, jnp.ones(3), tolerance=0)
     with pytest.raises(ValueError, match="arguments: expected arrays of floating point numbers"):
         recommend(lambda x: x, 3, tolerance=1)

@@ -77,7 +77,7 @@ def test_errors_name_what_came():
         js.Rotation.from_matrix(np.ones((4, 3), np.float32))
     with pytest.raises(TypeError, match="rotate: expected a Rotation first, got ndarray; .* with Rotation.from_matrix"):
         js.rotate(np.eye(3, dtype=np.float32), F)
-    with pytest.raises(TypeError, match="rotate: expected one of the four spatial vectors as second, got ndarray"):
+    with pytest.raises(TypeError, match="rotate: expected a spatial vector or inertia as second, got ndarray"):
         js.rotate(R, np.ones(3, np.float32))
     with pytest.raises(TypeError, match="Rotation and v: expected one dtype, got Rotation: float32, v: float16"):
         _ = R @ np.ones(3, np.float16)
