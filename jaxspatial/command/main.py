@@ -40,7 +40,7 @@ def _run(arguments):
     if first not in jobs and first[:1] != "-" and not pathlib.Path(first).suffix:
         if near := did_you_mean(first, jobs, 0.75):
             raise WrenchFileError(f"{first}: expected a subcommand or a file{near}")
-    job, *rest = arguments if arguments and arguments[0] in jobs else ["trade", *arguments]
+    job, *rest = arguments if first in jobs else ["trade", *arguments]
     if job == "shift":
         return wrench_file.convert(options.to_shift(rest))
     if job == "demo":

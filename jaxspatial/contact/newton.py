@@ -49,7 +49,7 @@ NOISE = 8
 # Rounding errors of velocities, in eps of the sizes of what they are sums of; and those of momenta.
 OF_VELOCITIES, OF_MOMENTA = 0.25, 4.0
 # The iteration also ends where the square of a decrement is more than STALLED times that of the last one, if it is
-# within NEAR times the tolerance's, or NOISY times that of rounding errors of velocities: what is left are these.
+# within NEAR times the tolerance's, or NOISY times that of velocities' rounding errors: nothing else is left.
 NEAR, NOISY, STALLED = 100, 10, 0.25
 FIELDS = (*DYNAMICS, *FRAMES, "damping", "friction_loss", "lower", "upper", "turn_limits")
 

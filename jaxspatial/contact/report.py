@@ -121,9 +121,9 @@ def contact_report(
     if contacts is not None:
         parts.append(contact_geometry(what, mechanism, at_q, at_v, contacts, ground, precision))
         friction.append(jnp.broadcast_to(check.narrowed(contacts).friction, parts[-1].depth.shape))
-    a_and_b = None if pairs is None else checked_pairs(what, mechanism, at_q, pairs)
-    if a_and_b is not None:
-        a, b = a_and_b
+    pairs = None if pairs is None else checked_pairs(what, mechanism, at_q, pairs)
+    if pairs is not None:
+        a, b = pairs
         parts.append(_between(mechanism, at_q, at_v, a, b, precision))
         friction.append(jnp.broadcast_to(harmonic_mean(a.friction, b.friction), parts[-1].depth.shape))
     if not parts:

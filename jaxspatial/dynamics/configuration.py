@@ -119,6 +119,7 @@ def interpolate(
         >>> print(js.interpolate(arm, jnp.zeros(2), q, 0.5))
         [ 0.25 -0.1 ]
     """
+    # Messages name these arguments, and not those of the two functions.
     checked("interpolate", mechanism, q0=q0, q1=q1, t=t)
     return integrate(mechanism, q0, difference(mechanism, q0, q1, precision=precision), t, precision=precision)
 

@@ -72,13 +72,12 @@ def composite(function: Callable) -> Callable[..., Any]:
         known = [x if tracing and isinstance(x, np.ndarray) and x.ndim == 1 else None for x in leaves[n:]]
         known = (*cache.known, *known)
         dtype = np.dtype(leaves[n].dtype)
-        made = cache.program(function, precision, tree, known, tuple(sorted(static.items())), dtype)
+        options = tuple(sorted(static.items()))
+        made = cache.program(function, precision, tree, known, options, dtype)
         data = [with_batch_axes(x, i < n, len(batch)) for i, x in enumerate(leaves) if known[i] is None]
         if tracing:
             return made(cast(Any, data), len(batch))
-        warn_of_many_programs(
-            function.__name__.lstrip("_"), cache, (function, tree, tuple(sorted(static.items())), dtype)
-        )
+        warn_of_many_programs(function.__name__.lstrip("_"), cache, (function, tree, options, dtype))
         return cache.call(made)(len(batch), data)
 
     return call

@@ -835,7 +835,7 @@ class _Builder:
     def _cholesky(self, eqn, x: Nodes) -> list[Nodes]:
         """L of L L^T, column by column; NaN from the first pivot on that is not positive. [Golub, Van Loan 2013, 4.2.5]
 
-        Rounded in another order than by the library that XLA calls.
+        Rounded in the order of `xla`, not in that of LAPACK.
         """
         dtype, n = np.dtype(eqn.outvars[0].aval.dtype), x.shape[-1]
         zero, nan = (self.lifted(np.full((), c, dtype)) for c in (0, np.nan))

@@ -3,8 +3,7 @@
 An algorithm is one primitive. Its formula sees a single axis of states, innermost in memory, however often and along
 whichever axes a caller maps it: (L, W, B), L joints along a chain, W chains, B states. On CPUs and NVIDIA GPUs it is
 traced for one state, and the trace becomes machine code for several states side by side: see `graph`, `llvm_ir`, `cpu`
-and `cuda`. Elsewhere, and where a trace has what a graph has not, XLA compiles the trace, as
-`xla` prepares it.
+and `cuda`. Elsewhere, and where a trace has what a graph has not, XLA compiles the trace, as `xla` prepares it.
 """
 
 import contextlib

@@ -161,10 +161,10 @@ def _rebuilt(
     """A mechanism of these parts, with what else there is to a mechanism."""
     names = {WORLD, *(part.name for part in (*bodies, *frames))}
     loops = [loop for loop in mechanism.loops if {loop.frame_a, loop.frame_b} <= names]
-    own = {joint.name for joint in joints}
-    left = [x for x in mechanism.tendons if own.issuperset(x.joints)]
+    own, locked = {joint.name for joint in joints}, locked or {}
     # The length of a tendon over locked joints alone is constant: it does nothing.
-    tendons = [_over(x, locked) for x in left if not locked.keys() >= {*x.joints}] if locked else left
+    left = (x for x in mechanism.tendons if {*x.joints} <= own and not {*x.joints} <= locked.keys())
+    tendons = [_over(x, locked) for x in left]
     return Mechanism.build(bodies, joints, frames, mechanism.gravity, mechanism.dtype, loops, tendons)
 
 

@@ -376,10 +376,9 @@ def above_zero(x: object, name: str) -> float:
 
 def as_batch_shape(x: object) -> _Shape:
     """A batch shape, given as a number or as numbers, among them symbols of `jax.export`."""
-    sizes = tuple(x) if isinstance(x, Iterable) and not isinstance(x, str) else (x,)
+    sizes: tuple[Any, ...] = tuple(x) if isinstance(x, Iterable) and not isinstance(x, str) else (x,)
     for n in sizes:
-        is_symbol = hasattr(n, "dimension_as_value")
-        if not is_symbol and (not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 0):
+        if not jax.export.is_symbolic_dim(n) and (not isinstance(n, (int, np.integer)) or isinstance(n, bool) or n < 0):
             raise ValueError(f"batch_shape: expected integers >= 0, one or a tuple of them, got {in_short(x)}")
     return cast(_Shape, sizes)
 
