@@ -140,6 +140,7 @@ OWN_TESTS = [
     "simulators.md",
     "inverse_kinematics.md",
     "scale.md",
+    "internals.md",
     "reference.md",
 ]
 OWN_TESTS += [f"coming_from_{name}.md" for name in OF_OTHERS]
