@@ -3,8 +3,10 @@
 import pathlib
 import re
 
+import numpy as np
 import pytest
 
+import jaxspatial as js
 from tests.helpers.pages import FOLDER
 
 ROOT = FOLDER.parent
@@ -40,6 +42,15 @@ def test_the_table_is_the_benchmarks():
         assert reproducible == found["reproducible"] and compensated == found["compensated"], (name, memory, dtype)
         assert faithful == found.get("faithful", "as compensated")
         assert batch == {"streamed": "1 000 000", "cache": "2 000"}[memory] or "arm" in name
+
+
+def test_a_wrench_comes_back_as_told():
+    """The one of the example on double words, shifted there and back."""
+    text = " ".join(PAGE.split())
+    F, p = js.SpatialForce([0.1, 0.2, 0.3], [1.0, 2.0, 3.0]), np.float32([1e3, -2e5, 0.7])
+    for precision, k, told in (("reproducible", 0, "0.125 instead of 0.1,"), ("faithful", 2, "0.297 instead of 0.3.")):
+        back = js.shift(js.shift(F, p, precision=precision), -p, precision=precision)
+        assert f"{back.tau[k]:.3g} instead of" in told and told in text
 
 
 # A ratio beside the name of a precision; benchmarks have theirs, and releases tell what was true then.
