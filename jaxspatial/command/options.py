@@ -6,6 +6,7 @@ import math
 import pathlib
 import re
 from collections.abc import Callable, Sequence
+from importlib import metadata
 from typing import NoReturn, TypeVar
 
 from jaxspatial.command import files
@@ -91,6 +92,8 @@ def measuring():
         "2 where something cannot be done, 130 after an interrupt.",
         epilog=f"{_SUBCOMMANDS}\n{_FILES}",
     )
+    versions = ", ".join(f"{package} {metadata.version(package)}" for package in (_PROG, "jax", "jaxlib"))
+    parser.add_argument("--version", action="version", version=versions, help="of this library and of JAX")
     parser.add_argument(
         "file",
         nargs="?",

@@ -4,6 +4,8 @@ import json
 import re
 import sys
 
+import jax
+import jaxlib
 import numpy as np
 import pytest
 from PIL import Image
@@ -100,6 +102,15 @@ def test_keys_of_the_json_object_are_documented(capsys):
     keys = ["about", "machine", "versions", "offset", "sizes", "power", "rows", "conditions", "algorithms"]
     keys += ["applications", "broken", "holds"]
     assert all(key in text and key in str(result.__doc__) for key in keys)
+
+
+def test_versions(capsys):
+    with pytest.raises(SystemExit) as exit:
+        main(["--version"])
+    assert exit.value.code == 0
+    assert (
+        capsys.readouterr().out == f"jaxspatial {js.__version__}, jax {jax.__version__}, jaxlib {jaxlib.__version__}\n"
+    )
 
 
 @pytest.mark.parametrize("dtype", trade.STREAMED)
