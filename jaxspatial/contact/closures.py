@@ -94,11 +94,11 @@ class PoseOfB(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A closure at one configuration: where its frames are. is_still: they are of one body."""
+    """A closure at one configuration: where its frames are. is_of_one_body: nothing moves them against each other."""
 
     kind: str
     distance: jax.Array | None
-    is_still: bool
+    is_of_one_body: bool
     R_WA: jax.Array
     p_WA: jax.Array
     p_AB_W: jax.Array
@@ -184,8 +184,8 @@ class LoopsOfState(NamedTuple):
         for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
             p_AB_W = p_WB - p_WA
             X_AB = PoseOfB(times(R_WA.T, R_WB), times(p_AB_W, R_WA))
-            is_still = are_of_one_body(self.mechanism, x)
-            placed.append(Placed(x.kind, distance, is_still, R_WA, p_WA, p_AB_W, X_AB))
+            is_of_one_body = are_of_one_body(self.mechanism, x)
+            placed.append(Placed(x.kind, distance, is_of_one_body, R_WA, p_WA, p_AB_W, X_AB))
         return placed
 
     def jacobian(self, q, placed: Sequence[Placed]) -> LoopJacobian:
@@ -193,7 +193,7 @@ class LoopsOfState(NamedTuple):
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
             for x, J_A, J_B in zip(placed, *jnp.split(J_WF, 2), strict=True):
-                if x.is_still:
+                if x.is_of_one_body:
                     zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
                     rows.append(LoopJacobian(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
                     continue
@@ -210,7 +210,7 @@ class LoopsOfState(NamedTuple):
         A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
         each = zip(placed, *jnp.split(V.to_array(), 2), *jnp.split(A.to_array(), 2), strict=True)
         return jnp.concatenate(
-            [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_still else x.bias(*motions) for x, *motions in each]
+            [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_of_one_body else x.bias(*motions) for x, *motions in each]
         )
 
 
@@ -244,8 +244,7 @@ class ClosureData(TermData):
     errors: Array
     p_AB_W: Array
 
-    def term(self, world: World, step: StepData) -> "Closures":
-        """The Closures of all states."""
+    def to_term(self, world: World, step: StepData) -> "Closures":
         state, dt, n = world.state, world.dt, len(self.closures)
         frames_a, frames_b = (tuple(x) for x in list(zip(*self.closures, strict=True))[:2])
         arm_b = world.arms(frames_b, None, np.zeros(3 * n, state.dtype))
@@ -272,8 +271,8 @@ class ClosureData(TermData):
         whole = where(can_move, w, where(high(alone) > 0, least, 1.0))
         # A momentum is as large as the impulse, and changes velocities by w of it.
         noise, loss = where(can_move, size, 0.0) / dt, where(can_move, alone / whole + NEAR_RIGID_LIMIT**-0.5, 0.0)
-        free = where(can_move, -error, 0.0) / dt
-        return Closures(ends, on_b, -on_a, free, NEAR_RIGID_LIMIT * whole, noise, loss)
+        target = where(can_move, -error, 0.0) / dt
+        return Closures(ends, on_b, -on_a, target, NEAR_RIGID_LIMIT * whole, noise, loss)
 
     @property
     def result_size(self) -> int:
@@ -309,15 +308,16 @@ def closure_data(
 @tree_of("ends")
 class Closures(Rows):
     """k rows of loop closures, as numbers (k, B). on_b, on_a: the wrenches on bodies b and a of a unit impulse, about
-    their origins. free: the velocity at which there is no impulse. R: how much an impulse changes the velocity.
+    their origins. target: the velocity to which impulses push, and at which there are none. R: how much an impulse
+    changes the velocity.
 
-    noise, loss: rounding errors of `free` in eps, and those of its difference from a velocity, in eps of that: these
+    noise, loss: rounding errors of `target` in eps, and those of its difference from a velocity, in eps of that: these
     come from R and from momenta."""
 
     ends: Ends
     on_b: Wrench
     on_a: Wrench
-    free: Number
+    target: Number
     R: Number
     noise: Number
     loss: Number
@@ -329,17 +329,17 @@ class Closures(Rows):
         return len(self.ends.b)
 
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
-        return (self.free - u) / self.R, 1 / self.R
+        return (self.target - u) / self.R, 1 / self.R
 
     def magnitude(self, u: Number) -> Number:
-        return abs(u) + abs(self.free)
+        return abs(u) + abs(self.target)
 
     def acts(self) -> jax.Array:
         return jnp.ones((1, 1), bool)
 
     def rounding(self, G: Number, u: Number) -> Number:
-        """Errors of `free`, and of its difference from u: H is at least J^T R^-1 J."""
-        x = self.noise + self.loss * abs(self.free - u)
+        """Errors of `target`, and of its difference from u: H is at least J^T R^-1 J."""
+        x = self.noise + self.loss * abs(self.target - u)
         return x * x / self.R
 
     def velocities(self, world: World, motions: list[Motion], v: Number) -> Number:

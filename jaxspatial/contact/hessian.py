@@ -1,7 +1,7 @@
 """The Hessian of the convex step, H = A + sum J_i^T G_i J_i, and its inverse by articulated bodies.
 
 H is the mass matrix of the same mechanism with the inertia X^T diag(0, G) X added to each body in contact, and with G
-added to the armature of joints at limits. Terms between bodies are added by a system of as many unknowns as they have
+added to the armature of joints at limits. Terms between bodies are added by equations in as many unknowns as they have
 rows. Neither H nor any Jacobian is ever formed.
 
 A mimic couples joints of different bodies, which no pass over the tree eliminates: for mechanisms with mimics A and the
@@ -33,12 +33,12 @@ from jaxspatial.numerics.linear import Motion, Wrench
 from jaxspatial.numerics.numbers import Number, Numbers, constant, is_constant, is_number, mapped, shape_of, where
 from jaxspatial.spatial import algebra
 
-# For each term its velocities or impulses, and None for a term without; their G.
+# For each term its velocities or impulses, and None for a term without; or its G.
 ByTerm = Sequence[Any]
 
 
-class Scene(NamedTuple):
-    """What the solver reads. coupled: of mechanisms with mimics."""
+class System(NamedTuple):
+    """A mechanism and the terms that act on it, in all states of a program. coupled: of mechanisms with mimics."""
 
     world: World
     terms: tuple[Term, ...]
@@ -53,11 +53,11 @@ class Coupled(NamedTuple):
     J: tuple[Any, ...]
 
 
-def scene_of(state: MechanismState, step: StepData) -> Scene:
+def system_of(state: MechanismState, step: StepData) -> System:
     world = World(state, state.numbers(step.dt[:, None])[0])
-    terms = tuple(data.term(world, step) for data in step.terms)
+    terms = tuple(data.to_term(world, step) for data in step.term_data)
     if not state.topology.has_mimics:
-        return Scene(world, terms, None)
+        return System(world, terms, None)
     units, n, nv = world.units, state.n, state.topology.nv
 
     def by_velocity(term: Term):
@@ -65,20 +65,20 @@ def scene_of(state: MechanismState, step: StepData) -> Scene:
         each = jax.tree.map(lambda x: stacking.spread(x, (term.count, n * nv)), u, is_leaf=is_number)
         return stacking.mapped(lambda w: w.reshape((term.count, nv, n)), each)
 
-    return Scene(world, terms, Coupled(units.A, tuple(map(by_velocity, terms))))
+    return System(world, terms, Coupled(units.A, tuple(map(by_velocity, terms))))
 
 
-def wrenches(scene: Scene, impulses: ByTerm) -> list[Wrench]:
+def wrenches(system: System, impulses: ByTerm) -> list[Wrench]:
     """The wrenches of impulses on the bodies of every bundle, about their origins, in world axes."""
-    both = zip(scene.terms, impulses, strict=True)
+    both = zip(system.terms, impulses, strict=True)
     parts = [part for term, x in both if x is not None for part in term.on_bodies(x)]
-    return scene.world.on_bundles(parts, scene.world.no_wrench)
+    return system.world.on_bundles(parts, system.world.no_wrench)
 
 
-def forces_on_joints(scene: Scene, impulses: ByTerm) -> Number | None:
+def forces_on_joints(system: System, impulses: ByTerm) -> Number | None:
     """The generalized forces (nv, B) of impulses beside their wrenches; None for none."""
-    both = zip(scene.terms, impulses, strict=True)
-    found = [f for term, x in both if x is not None and (f := term.on_joints(scene.world, x)) is not None]
+    both = zip(system.terms, impulses, strict=True)
+    found = [f for term, x in both if x is not None and (f := term.on_joints(system.world, x)) is not None]
     return functools.reduce(operator.add, found) if found else None
 
 
@@ -94,42 +94,42 @@ class Solution(NamedTuple):
     remainders: list[Number | None]
 
 
-def solve_hessian(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]) -> Solution:
+def solve_hessian(system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]) -> Solution:
     """The Solution for the impulses `balanced` + `applied`, and for forces on every bundle.
 
     balanced: impulses that G x balances. applied: those that forces balance. Both have the same x, but for rounding
     errors.
     """
-    if scene.coupled is not None:
-        return _solve_with_mimics(scene, scene.coupled, G, balanced, applied, forces)
-    world, terms = scene.world, scene.terms
+    if system.coupled is not None:
+        return _solve_with_mimics(system, system.coupled, G, balanced, applied, forces)
+    world, terms = system.world, system.terms
     zero = world.state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), world.no_wrench)
-    stiff = world.on_bundles([part for t, g in zip(terms, G, strict=True) for part in t.inertia(g)], nothing.P)
-    pushed = wrenches(scene, applied)
-    touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(stiff, pushed, forces, strict=True)]
-    at_joints = [world.by_bundle(_at_joints(scene, x)) for x in (balanced, G)]
+    inertias = world.on_bundles([part for t, g in zip(terms, G, strict=True) for part in t.inertia(g)], nothing.P)
+    pushed = wrenches(system, applied)
+    touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(inertias, pushed, forces, strict=True)]
+    impulses_and_G = [world.by_bundle(_on_single_velocities(system, x)) for x in (balanced, G)]
     on_joints = [more.on_joints for more in forces]
-    if (tau := forces_on_joints(scene, applied)) is not None:
+    if (tau := forces_on_joints(system, applied)) is not None:
         both = zip(on_joints, world.by_bundle(tau), strict=True)
         on_joints = [tuple(map(operator.add, *x)) for x in both]
-    links = list(zip(world.bodies, touched, on_joints, *at_joints, strict=True))
+    links = list(zip(world.bodies, touched, on_joints, *impulses_and_G, strict=True))
     eliminated = recursion.inward(world.state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(world.bodies, eliminated, strict=True)]
     found = recursion.outward(world.state, _accelerate, world.at_rest, both)
-    found, remainders = _with_terms_between(scene, G, balanced, applied, eliminated, found)
-    x, motions, at_joints = ([y[k] for y in found] for k in range(3))
+    found, remainders = _with_terms_between(system, G, balanced, applied, eliminated, found)
+    x, motions, left = ([y[k] for y in found] for k in range(3))
     for k, term in enumerate(terms):
         if (rows := term.joint_velocities()) is not None:
-            by_velocity = world.state.numbers_by_velocity(at_joints)
+            by_velocity = world.state.numbers_by_velocity(left)
             remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
     return Solution(world.state.numbers_by_velocity(x), motions, remainders)
 
 
-def _at_joints(scene: Scene, numbers: ByTerm) -> Number | None:
-    """Numbers (nv, B) of terms on single velocities; None without such terms."""
-    both = [(term.joint_velocities(), x) for term, x in zip(scene.terms, numbers, strict=True)]
-    found = [scene.world.at_velocities(x, rows) for rows, x in both if rows is not None]
+def _on_single_velocities(system: System, numbers: ByTerm) -> Number | None:
+    """Numbers (nv, B) of the terms that act on single velocities; None without such terms."""
+    both = [(term.joint_velocities(), x) for term, x in zip(system.terms, numbers, strict=True)]
+    found = [system.world.at_velocities(x, rows) for rows, x in both if rows is not None]
     return functools.reduce(operator.add, found) if found else None
 
 
@@ -172,7 +172,7 @@ def _accelerate(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], 
 
 
 def _with_terms_between(
-    scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list, found: list
+    system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list, found: list
 ) -> tuple[list, list[Number | None]]:
     """(what `_accelerate` found, corrected for terms between bodies; what is left of the impulses of these).
 
@@ -184,18 +184,18 @@ def _with_terms_between(
     Impulses of open closures are large, and what is left of them is small: so they are never applied as a whole.
     [Golub and Van Loan 2013, 2.1.4]
     """
-    world, terms, remainders = scene.world, scene.terms, list[Any]([None] * len(scene.terms))
+    world, terms, remainders = system.world, system.terms, list[Any]([None] * len(system.terms))
     by_term = [term.columns(world, g) for term, g in zip(terms, G, strict=True)]
     columns = _side_by_side(world, [part for own in by_term for part in own])
     if columns is None:
         return found, remainders
     state, n, k = world.state, world.state.n, len(columns.b)
     # Of Y, columns are states beside each other.
-    Y = _columns_of_Y(scene, G, columns, eliminated)
+    Y = _columns_of_Y(system, G, columns, eliminated)
     through = _rates(world.of_states(n * k), tiled(columns, n, k), Y)
     M, on_diagonal = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through), np.eye(k)
     M = where(jnp.broadcast_to(on_diagonal.astype(bool)[:, :, None], (k, k, n)), M + 1.0, M)
-    lacking = stacking.spread(-_rates(world, columns, found), (k, n))
+    right = stacking.spread(-_rates(world, columns, found), (k, n))
     # The columns of each stiff term.
     ends = np.cumsum([0, *(sum(len(part.b) for part in own) for own in by_term)]).tolist()
     places = {i: ends[i : i + 2] for i, t in enumerate(terms) if t.is_stiff and ends[i] < ends[i + 1]}
@@ -206,8 +206,8 @@ def _with_terms_between(
         each = [stacking.spread(given[i], (b - a, n)) for i, (a, b) in places.items()]
         rows, in_order = np.full(k, k), np.concatenate([np.arange(a, b) for a, b in places.values()])
         rows[in_order] = np.arange(len(in_order))
-        lacking = lacking + stacking.mapped(lambda w: with_zero_rows(w, rows), stacking.concatenated(each))
-    s = matrices.inverse_times(M, lacking)
+        right = right + stacking.mapped(lambda w: with_zero_rows(w, rows), stacking.concatenated(each))
+    s = matrices.inverse_times(M, right)
     summed = list[Any]()
     for (x, _, left), (columns_x, _, columns_left) in zip(found, Y, strict=True):
         own = x, left
@@ -226,9 +226,9 @@ def _with_terms_between(
     return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
 
 
-def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -> list:
+def _columns_of_Y(system: System, G: ByTerm, columns: Columns, eliminated: list) -> list:
     """Y = H'^-1 J^T L, as `_accelerate` finds a direction: of k columns side by side, in k times as many states."""
-    world, n, k = scene.world, scene.world.state.n, len(columns.b)
+    world, n, k = system.world, system.world.state.n, len(columns.b)
     wide, own = world.of_states(n * k), np.eye(k, dtype=bool)[:, :, None]
 
     def in_own_column(w: jax.Array) -> jax.Array:
@@ -242,10 +242,10 @@ def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -
         by_velocity = stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape((-1, k * n)), columns.on_joints)
         on_joints = wide.by_bundle(by_velocity)
     factors = [(b.S, b.r, [x.whole[:2] for x in e]) for b, e in zip(world.bodies, eliminated, strict=True)]
-    factors, stiffer = tiled((factors, world.by_bundle(_at_joints(scene, G))), n, k)
+    factors, G_on_joints = tiled((factors, world.by_bundle(_on_single_velocities(system, G))), n, k)
     links = list(zip(factors, wide.on_bundles(parts, world.no_wrench), on_joints, strict=True))
     returned = recursion.inward(wide.state, _to_parent, world.no_wrench, links)
-    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, stiffer, strict=True)]
+    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, G_on_joints, strict=True)]
     return recursion.outward(wide.state, _follow, world.at_rest, both)
 
 
@@ -296,7 +296,7 @@ def _follow(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Moti
 
 
 def _solve_with_mimics(
-    scene: Scene, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]
+    system: System, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]
 ) -> Solution:
     """`solve_hessian` by elimination: of x, and of what is left of the impulses of stiff terms, y.
 
@@ -304,9 +304,9 @@ def _solve_with_mimics(
 
     with J_c of the other terms. y is no difference of large numbers. y + applied is left.
     """
-    world, n, nv, H = scene.world, scene.world.state.n, scene.world.state.topology.nv, coupled.A
+    world, n, nv, H = system.world, system.world.state.n, system.world.state.topology.nv, coupled.A
     right = world.generalized(forces)
-    each = list[Any](zip(scene.terms, coupled.J, G, balanced, applied, strict=True))
+    each = list[Any](zip(system.terms, coupled.J, G, balanced, applied, strict=True))
     for term, J, _, _, own in (x for x in each if x[0].is_stiff and x[4] is not None):
         on_velocities = stacking.mapped(lambda w: w[:, None], stacking.spread(own, (term.count, n))) * J
         right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
@@ -317,15 +317,15 @@ def _solve_with_mimics(
             stacking.mapped(lambda w: w[:, :, None], J),
             stacking.mapped(lambda w: w[:, None], at.times_G(g, J)),
         )
-        stiff, pushed = at.product(rows, columns), at.product(J, own)
-        H = H + stacking.pairwise_sum(stacking.spread(stiff, (m, nv, nv, n)))
+        J_G_J, pushed = at.product(rows, columns), at.product(J, own)
+        H = H + stacking.pairwise_sum(stacking.spread(J_G_J, (m, nv, nv, n)))
         right = right + stacking.pairwise_sum(stacking.spread(pushed, (m, nv, n)))
     stiff_terms = [x for x in each if x[0].is_stiff]
     if stiff_terms:
-        stiffness, given = (
+        G_stiff, given = (
             stacking.concatenated([stacking.spread(own[k], (own[0].count, n)) for own in stiff_terms]) for k in (2, 3)
         )
-        H = _bordered(H, stacking.concatenated([x[1] for x in stiff_terms]), stiffness)
+        H = _bordered(H, stacking.concatenated([x[1] for x in stiff_terms]), G_stiff)
         right = stacking.concatenated([right, given])
     found, remainders, first = matrices.inverse_times(H, right), list[Number | None](), nv
     for term, _, _, _, own in each:

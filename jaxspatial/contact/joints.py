@@ -49,8 +49,7 @@ def _is_known(x: Array, places: slice, number: float) -> bool:
 class JointData(TermData):
     """Limits and dry friction of joints: all of it stands in the fields of the mechanism."""
 
-    def term(self, world: World, step: StepData) -> "Joints":
-        """The Joints of all states."""
+    def to_term(self, world: World, step: StepData) -> "Joints":
         state, dt = world.state, world.dt
         t, fields, rows = state.topology, state.fields, limited_rows(state.topology, state.fields)
         body = {v: i for i in range(len(t)) if not t.is_mimic(i) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
@@ -59,13 +58,13 @@ class JointData(TermData):
         of_lower, of_upper = (stacking.rows(fields[x], q_rows) for x in ("lower", "upper"))
         q, lower, upper = (scalars(state, x) for x in (stacking.rows(state.q, q_rows), of_lower, of_upper))
         friction = scalars(state, stacking.rows(fields["friction_loss"], rows))
-        before, change = world.numbers(step.v0, step.y_free)
-        free = before + change
-        fastest = where(high(abs(before)) > high(abs(free)), abs(before), abs(free))
+        v0, y_free = world.numbers(step.v0, step.y_free)
+        v_free = v0 + y_free
+        fastest = where(high(abs(v0)) > high(abs(v_free)), abs(v0), abs(v_free))
         w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, fastest))
-        held = are_equal(lower, upper, of_lower, of_upper)
-        held = None if held is None else held & has_limits[:, None]
-        limit = Limit.of(q - lower, upper - q, w, fastest, dt, has_limits[:, None], held)
+        is_equal = are_equal(lower, upper, of_lower, of_upper)
+        is_equal = None if is_equal is None else is_equal & has_limits[:, None]
+        limit = Limit.of(q - lower, upper - q, w, fastest, dt, has_limits[:, None], is_equal)
         return Joints(tuple(rows.tolist()), limit, friction * dt, STICKING * w)
 
 
@@ -85,7 +84,7 @@ def are_equal(lower: Number, upper: Number, of_lower: Array, of_upper: Array) ->
 class Limit(NamedTuple):
     """How m numbers are held between limits, as numbers (m, B). lower, upper: how fast, at most, a number may approach
     a limit. near_lower, near_upper: whether a limit is near, and may act. R: how much an impulse changes the velocity.
-    held: of equal limits; the lower one then pushes and pulls. None for none.
+    is_equal: whether the two limits are equal, of which the lower one then pushes and pulls; None for none.
     """
 
     lower: Number
@@ -93,7 +92,7 @@ class Limit(NamedTuple):
     near_lower: Mask
     near_upper: Mask
     R: Number
-    held: Mask | None
+    is_equal: Mask | None
 
     @classmethod
     def of(
@@ -104,7 +103,7 @@ class Limit(NamedTuple):
         fastest: Number,
         dt: Number,
         may_act: np.ndarray | bool = True,
-        held: Mask | None = None,
+        is_equal: Mask | None = None,
     ) -> Self:
         """From the distances to the lower and the upper limit, the size w of the Delassus operator, and velocities."""
         compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
@@ -112,10 +111,10 @@ class Limit(NamedTuple):
         window = LIMIT_WINDOW * dt * fastest
         # NaN is near, and becomes the impulse.
         near_lower, near_upper = (~(high(gap) >= high(window)) & may_act for gap in (below, above))
-        if held is not None:
-            near_lower, near_upper = near_lower | held, near_upper & ~held
+        if is_equal is not None:
+            near_lower, near_upper = near_lower | is_equal, near_upper & ~is_equal
         lower, upper = (where(near, gap, 0.0) / (2 * dt) for near, gap in ((near_lower, below), (near_upper, above)))
-        return cls(lower, upper, near_lower, near_upper, R, held)
+        return cls(lower, upper, near_lower, near_upper, R, is_equal)
 
 
 class Limited(Rows):
@@ -127,7 +126,7 @@ class Limited(Rows):
         at, zero = self.limit, constant(u, 0)
         down, up = (-at.lower - u) / at.R, (u - at.upper) / at.R
         is_down, is_up = at.near_lower & ~(high(down) <= 0), at.near_upper & ~(high(up) <= 0)
-        is_down = is_down if at.held is None else is_down | at.held
+        is_down = is_down if at.is_equal is None else is_down | at.is_equal
         return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / at.R, zero)
 
     def magnitude(self, u: Number) -> Number:

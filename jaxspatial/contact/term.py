@@ -5,9 +5,6 @@
 A Term is one family of the l_i, such as all contacts. It stands for m impulses gamma = -dl/du at the velocities
 u = J v, and for their derivative G = -dgamma/du, which is never negative. `newton` solves the problem for a tuple of
 Terms, of which it knows what this file says and nothing else.
-
-Contact data has three forms. What a caller passes are public objects, such as `PointContacts`. A TermData has the
-arrays that programs read, at one configuration. A Term has the numbers of all states inside of a program.
 """
 
 from collections.abc import Callable
@@ -38,12 +35,12 @@ NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4
 
 class StepData(NamedTuple):
     """What programs read of a step, as arrays. v0 (*batch, nv): the velocities at its start, along axes that do not
-    turn. y_free (*batch, nv): by which they change without contact. dt (*batch, 1). terms: a TermData of each."""
+    turn. y_free (*batch, nv): by which they change without impulses. dt (*batch, 1). term_data: one for each Term."""
 
     v0: Array
     y_free: Array
     dt: Array
-    terms: tuple["TermData", ...]
+    term_data: tuple["TermData", ...]
 
 
 class TermData:
@@ -54,8 +51,8 @@ class TermData:
         """How many numbers of impulses the step returns; 0 for a term that is no part of its result."""
         return 0
 
-    def term(self, world: "World", step: StepData) -> "Term":
-        """The Term in all states of a program."""
+    def to_term(self, world: "World", step: StepData) -> "Term":
+        """The Term of all states of a program, in which the mechanism is the world."""
         raise NotImplementedError
 
     def wrenches(self, forces: jax.Array) -> SpatialForce:
@@ -139,7 +136,7 @@ class Term(Generic[U, H]):
         raise NotImplementedError
 
     def held(self, *velocities: U) -> Mask:
-        """Which laws the first direction takes for linear, from velocities at the start and without contact."""
+        """Which laws the first direction takes for linear, from the velocities J v0 and J y_free."""
         return jnp.zeros((1, 1), bool)
 
     def rounding(self, G: H, u: U) -> Number:
@@ -197,5 +194,5 @@ class Rows(Term[Number, Number]):
         return impulse * u
 
     def bound(self, G: Number, x: Number) -> Number:
-        is_stiff = high(G) > 0
-        return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
+        acts = high(G) > 0
+        return where(acts | (high(x) == 0), x * x / where(acts, G, 1.0), np.inf)

@@ -212,7 +212,7 @@ class World:
     def generalized(self, forces: list[Forces]) -> Number:
         """The generalized forces (nv, B) of forces on every bundle."""
         links = [(body.S, body.r, F) for body, F in zip(self.bodies, forces, strict=True)]
-        return self.state.numbers_by_velocity(recursion.inward(self.state, _at_joint, self.no_wrench, links))
+        return self.state.numbers_by_velocity(recursion.inward(self.state, _joint_forces, self.no_wrench, links))
 
     # -- numbers of several bodies ------------------------------------------------------------------------------------
 
@@ -348,7 +348,7 @@ class World:
         return whole - 2.0 * articulated.shifted(state.of_bodies(common, self.mobility, nothing), arm), whole
 
     def reach(self, ends: Ends, arm_b: Vector, arm_a: Vector, normal: Vector) -> Number:
-        """How large the terms are of which a distance between points along a normal is the sum: the position of each
+        """How large the numbers are of which a distance between points along a normal is the sum: the position of each
         root along the normal, and the lengths of all arms from there to the points. Its rounding errors grow with it.
         """
         state = self.state
@@ -384,7 +384,7 @@ def _velocity(body, parent: tuple[Motion, ...]) -> tuple[tuple[Motion, ...], tup
     return tuple(found), tuple(found)
 
 
-def _at_joint(link, children: Wrench) -> tuple[Numbers, Wrench]:
+def _joint_forces(link, children: Wrench) -> tuple[Numbers, Wrench]:
     """(the forces at a joint, the wrench on its body and all that hang on it, about the parent's origin)."""
     S, r, (on_body, on_joint) = link
     F = on_body + children
