@@ -63,7 +63,8 @@ def contact_forces(
     Raises:
         TypeError: the first argument is no Mechanism, dtypes differ or are not floating point, or contacts are no
             PointContacts.
-        ValueError: shapes do not fit.
+        ValueError: shapes do not fit, or of numbers known while tracing a dissipation is below zero, a stiction speed
+            not above it, or one is NaN.
         KeyError: there is no such frame.
 
     Error: of centres and velocities that of `forward_kinematics` and `body_velocities`, of forces that of depth times k
@@ -86,7 +87,9 @@ def contact_forces(
         if x.shape[-1:] not in ((), (n,)):
             raise ValueError(f"{what}: {name}: expected a number, or shape (*batch, {n}), got {x.shape}")
     check.require_same_dtype(q=at_q, **own)
-    if isinstance(own["stiction_speed"], np.ndarray) and (own["stiction_speed"] <= 0).any():
+    if isinstance(own["dissipation"], np.ndarray) and not (own["dissipation"] >= 0).all():
+        raise ValueError(f"{what}: dissipation: expected numbers of at least 0, got {dissipation}")
+    if isinstance(own["stiction_speed"], np.ndarray) and not (own["stiction_speed"] > 0).all():
         raise ValueError(f"{what}: stiction_speed: expected numbers above 0, got {stiction_speed}")
     batch = check.common_batch_shape(**{"q, v and contacts": batch}, **{name: x.shape[:-1] for name, x in own.items()})
     scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
