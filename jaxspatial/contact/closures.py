@@ -5,8 +5,8 @@ V = (w, v) along the axes of A, with dR/dt = [w]x R and dp/dt = v. It holds rows
 """
 
 import functools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,10 +40,10 @@ MOBILE = 1e3
 
 
 def checked_closures(
-    operation: str, mechanism: Mechanism, loops, dtype: np.dtype
-) -> tuple[tuple[LoopClosure, ...], list]:
+    operation: str, mechanism: Mechanism, loops: Iterable[LoopClosure], dtype: np.dtype
+) -> tuple[tuple[LoopClosure, ...], list[Array | None]]:
     """The closures, and their distances (*batch, 1) or None."""
-    closures, distances = checked_loops(loops, mechanism.topology, f"{operation}: loops"), list[Any]()
+    closures, distances = checked_loops(loops, mechanism.topology, f"{operation}: loops"), list[Array | None]()
     for distance in (x.distance for x in closures):
         if isinstance(distance, np.ndarray):
             distance = distance.astype(dtype)
@@ -60,7 +60,11 @@ def are_of_one_body(mechanism: Mechanism, loop: LoopClosure) -> bool:
 
 
 def require_closable(
-    operation: str, mechanism: Mechanism, closures: Sequence[LoopClosure], distances: Sequence, dtype: np.dtype
+    operation: str,
+    mechanism: Mechanism,
+    closures: Sequence[LoopClosure],
+    distances: Sequence[Array | None],
+    dtype: np.dtype,
 ) -> None:
     """Refuses closures of frames of one body that are open, where these numbers are known."""
     for loop, distance in zip(closures, distances, strict=True):
@@ -167,7 +171,7 @@ class LoopsOfState(NamedTuple):
 
     mechanism: Mechanism
     closures: tuple[LoopClosure, ...]
-    distances: Sequence[Any]
+    distances: Sequence[Array | None]
     precision: PrecisionName
 
     @property
@@ -175,7 +179,7 @@ class LoopsOfState(NamedTuple):
         """Frames A of all closures, then frames B."""
         return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
 
-    def placed(self, q) -> list[Placed]:
+    def placed(self, q: jax.Array) -> list[Placed]:
         if not self.closures:
             return []
         X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
@@ -188,7 +192,7 @@ class LoopsOfState(NamedTuple):
             placed.append(Placed(x.kind, distance, is_of_one_body, R_WA, p_WA, p_AB_W, X_AB))
         return placed
 
-    def jacobian(self, q, placed: Sequence[Placed]) -> LoopJacobian:
+    def jacobian(self, q: jax.Array, placed: Sequence[Placed]) -> LoopJacobian:
         rows = [LoopJacobian(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
@@ -204,7 +208,7 @@ class LoopsOfState(NamedTuple):
                 rows.append(LoopJacobian(times(x.N_W, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
         return LoopJacobian(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
 
-    def biases(self, q, v, placed: Sequence[Placed]) -> jax.Array:
+    def biases(self, q: jax.Array, v: jax.Array, placed: Sequence[Placed]) -> jax.Array:
         """dJ/dt v (rows,)."""
         V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
         A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
@@ -221,8 +225,9 @@ def errors_of(placed: Sequence[Placed], dtype: np.dtype) -> jax.Array:
 # -- arrays -----------------------------------------------------------------------------------------------------------
 
 
-class Ties(NamedTuple):
-    """A closure by numbers: its frames, and how many of its rows hold orientations and positions."""
+class ClosureStructure(NamedTuple):
+    """What is static of a closure: the numbers of its frames, and how many of its rows hold orientations and
+    positions."""
 
     frame_a: int
     frame_b: int
@@ -238,7 +243,7 @@ class ClosureData(TermData):
     errors (*batch, k): rad, m. p_AB_W (*batch, 3 n).
     """
 
-    closures: tuple[Ties, ...]
+    closures: tuple[ClosureStructure, ...]
     turning: Array
     moving: Array
     errors: Array
@@ -287,17 +292,24 @@ class ClosureData(TermData):
 
 
 def closure_data(
-    mechanism: Mechanism, q, closures: tuple[LoopClosure, ...], distances: Sequence, precision: PrecisionName
+    mechanism: Mechanism,
+    q: jax.Array,
+    closures: tuple[LoopClosure, ...],
+    distances: Sequence[Array | None],
+    precision: PrecisionName,
 ) -> ClosureData:
     """The rows of all closures as the convex step takes them."""
     number = mechanism.frame_names.index
-    ties = tuple(Ties(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3)) for x in closures)
+    structures = tuple(
+        ClosureStructure(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3))
+        for x in closures
+    )
 
-    def of_state(q, distances) -> ClosureData:
+    def of_state(q: jax.Array, distances: Sequence[Array | None]) -> ClosureData:
         placed = LoopsOfState(mechanism, closures, distances, precision).placed(q)
         N = jnp.concatenate([x.N_W for x in placed])
         p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
-        return ClosureData(ties, N[:, :3].reshape(-1), N[:, 3:].reshape(-1), errors_of(placed, q.dtype), p_AB_W)
+        return ClosureData(structures, N[:, :3].reshape(-1), N[:, 3:].reshape(-1), errors_of(placed, q.dtype), p_AB_W)
 
     return over_batch(of_state, q, distances)
 

@@ -68,7 +68,7 @@ def system_of(state: MechanismState, step: StepData) -> System:
     return System(world, terms, Coupled(units.A, tuple(map(by_velocity, terms))))
 
 
-def wrenches(system: System, impulses: ByTerm) -> list[Wrench]:
+def wrenches_on_bodies(system: System, impulses: ByTerm) -> list[Wrench]:
     """The wrenches of impulses on the bodies of every bundle, about their origins, in world axes."""
     both = zip(system.terms, impulses, strict=True)
     parts = [part for term, x in both if x is not None for part in term.on_bodies(x)]
@@ -106,7 +106,7 @@ def solve_hessian(system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, 
     zero = world.state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), world.no_wrench)
     inertias = world.on_bundles([part for t, g in zip(terms, G, strict=True) for part in t.inertia(g)], nothing.P)
-    pushed = wrenches(system, applied)
+    pushed = wrenches_on_bodies(system, applied)
     touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(inertias, pushed, forces, strict=True)]
     impulses_and_G = [world.by_bundle(_on_single_velocities(system, x)) for x in (balanced, G)]
     on_joints = [more.on_joints for more in forces]
@@ -120,7 +120,7 @@ def solve_hessian(system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, 
     found, remainders = _with_terms_between(system, G, balanced, applied, eliminated, found)
     x, motions, left = ([y[k] for y in found] for k in range(3))
     for k, term in enumerate(terms):
-        if (rows := term.joint_velocities()) is not None:
+        if (rows := term.single_velocities()) is not None:
             by_velocity = world.state.numbers_by_velocity(left)
             remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
     return Solution(world.state.numbers_by_velocity(x), motions, remainders)
@@ -128,7 +128,7 @@ def solve_hessian(system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, 
 
 def _on_single_velocities(system: System, numbers: ByTerm) -> Number | None:
     """Numbers (nv, B) of the terms that act on single velocities; None without such terms."""
-    both = [(term.joint_velocities(), x) for term, x in zip(system.terms, numbers, strict=True)]
+    both = [(term.single_velocities(), x) for term, x in zip(system.terms, numbers, strict=True)]
     found = [system.world.at_velocities(x, rows) for rows, x in both if rows is not None]
     return functools.reduce(operator.add, found) if found else None
 
@@ -192,10 +192,10 @@ def _with_terms_between(
     state, n, k = world.state, world.state.n, len(columns.b)
     # Of Y, columns are states beside each other.
     Y = _columns_of_Y(system, G, columns, eliminated)
-    through = _rates(world.of_states(n * k), tiled(columns, n, k), Y)
+    through = _column_velocities(world.of_states(n * k), tiled(columns, n, k), Y)
     M, on_diagonal = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through), np.eye(k)
     M = where(jnp.broadcast_to(on_diagonal.astype(bool)[:, :, None], (k, k, n)), M + 1.0, M)
-    right = stacking.spread(-_rates(world, columns, found), (k, n))
+    right = stacking.spread(-_column_velocities(world, columns, found), (k, n))
     # The columns of each stiff term.
     ends = np.cumsum([0, *(sum(len(part.b) for part in own) for own in by_term)]).tolist()
     places = {i: ends[i : i + 2] for i, t in enumerate(terms) if t.is_stiff and ends[i] < ends[i + 1]}
@@ -249,7 +249,7 @@ def _columns_of_Y(system: System, G: ByTerm, columns: Columns, eliminated: list)
     return recursion.outward(wide.state, _follow, world.at_rest, both)
 
 
-def _rates(world: World, columns: Columns, results: list) -> Number:
+def _column_velocities(world: World, columns: Columns, results: list) -> Number:
     """Columns . (velocities and motions), as `_accelerate` finds them, (k, B)."""
     motions = [x[1] for x in results]
     V_b, V_a = (world.of_bodies(bodies, motions) for bodies in (columns.b, columns.a))
@@ -312,12 +312,12 @@ def _solve_with_mimics(
         right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
     for term, J, g, _, own in (x for x in each if not x[0].is_stiff):
         m = term.count
-        at, g, own = stacking.mapped(lambda w: w[:, None], (term, g, own))
+        wide_term, g, own = stacking.mapped(lambda w: w[:, None], (term, g, own))
         rows, columns = (
             stacking.mapped(lambda w: w[:, :, None], J),
-            stacking.mapped(lambda w: w[:, None], at.times_G(g, J)),
+            stacking.mapped(lambda w: w[:, None], wide_term.times_G(g, J)),
         )
-        J_G_J, pushed = at.product(rows, columns), at.product(J, own)
+        J_G_J, pushed = wide_term.product(rows, columns), wide_term.product(J, own)
         H = H + stacking.pairwise_sum(stacking.spread(J_G_J, (m, nv, nv, n)))
         right = right + stacking.pairwise_sum(stacking.spread(pushed, (m, nv, n)))
     stiff_terms = [x for x in each if x[0].is_stiff]

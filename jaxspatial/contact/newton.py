@@ -25,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.contact.hessian import ByTerm, System, forces_on_joints, solve_hessian, system_of, wrenches
+from jaxspatial.contact.hessian import ByTerm, System, forces_on_joints, solve_hessian, system_of, wrenches_on_bodies
 from jaxspatial.contact.term import StepData, Term
 from jaxspatial.contact.world import Forces
 from jaxspatial.dynamics.external_forces import loads
@@ -67,7 +67,7 @@ def _sum_of(parts: Iterable[Number]) -> Number:
     return stacking.mapped(lambda w: w[None], functools.reduce(operator.add, map(stacking.pairwise_sum, parts)))
 
 
-def _velocities(system: System, motions: list[Motion], v: Number) -> tuple[Any, ...]:
+def _velocities(system: System, motions: list[Motion], v: Number) -> ByTerm:
     """J v of all terms."""
     return tuple(term.each(lambda own: own.velocities(system.world, motions, v)) for term in system.terms)
 
@@ -78,7 +78,7 @@ def _velocities(system: System, motions: list[Motion], v: Number) -> tuple[Any, 
 class Free(NamedTuple):
     """Of y*: J y* of each term, and y* . A y*."""
 
-    u_y: tuple[Any, ...]
+    u_y: ByTerm
     energy: Number
 
 
@@ -97,7 +97,7 @@ class Iterate(NamedTuple):
 
     x: Number
     motions: list[Motion]
-    u: tuple[Any, ...]
+    u: ByTerm
     scalars: Scalars
 
 
@@ -118,7 +118,7 @@ def solve(state: MechanismState, step: StepData):
     """
     system = system_of(state, step)
     world, terms = system.world, system.terms
-    v0, y_free = world.numbers(step.v0, step.y_free)
+    v0, y_free = world.velocity_numbers(step.v0, step.y_free)
     motions = world.motions(v0, y_free)
     u, u_y = (_velocities(system, V, x) for V, x in zip(motions, (v0, y_free), strict=True))
     energy_v0, energy = (world.twice_energy(V, x) for V, x in zip(motions, (v0, y_free), strict=True))
@@ -164,9 +164,9 @@ def solve_at(state: MechanismState, step: StepData, y: Array, force: Array):
     return high(system.world.turned(x, to_world=False))
 
 
-def _laws_at(system: System, step: StepData, y: Array) -> tuple[tuple[Any, ...], ...]:
+def _laws_at(system: System, step: StepData, y: Array) -> tuple[ByTerm, ...]:
     """(velocities of terms at the velocities `v0` + y, the impulses and G there)."""
-    v0, change = system.world.numbers(step.v0, y)
+    v0, change = system.world.velocity_numbers(step.v0, y)
     v = v0 + change
     u = _velocities(system, system.world.motions(v)[0], v)
     return u, *_of_each(lambda term, own: term.law(own), system.terms, u)
@@ -194,7 +194,7 @@ def _balanced_and_applied(
     for k, (term, impulse) in enumerate(zip(terms, impulses, strict=True)):
         if not term.is_stiff:
             balanced[k], applied[k] = None, impulse
-        elif term.joint_velocities() is None and is_first is not None:
+        elif term.single_velocities() is None and is_first is not None:
             zero = constant(impulse, 0)
             balanced[k], applied[k] = where(is_first, impulse, zero), where(is_first, zero, impulse)
     return balanced, applied
@@ -226,7 +226,7 @@ def _gradient(
     world, state, dt = system.world, system.world.state, system.world.dt
     body_loads = list[Any]()
     for (torque, f, more), body, F in zip(
-        loads(state, external_forces), world.bodies, wrenches(system, impulses), strict=True
+        loads(state, external_forces), world.bodies, wrenches_on_bodies(system, impulses), strict=True
     ):
         own = Wrench(*(body.R.T @ (x / dt) for x in F))
         body_loads.append((torque + own.tau, f + own.f, more))
@@ -260,7 +260,7 @@ def residual(
         if term.rounding_share:
             total = _sum_of([term.rounding(own, u_own)])
             left = left + (term.rounding_share * check.eps(high(total).dtype)) ** 2 * total
-    both = world.numbers(step.v0, step.y_free)
+    both = world.velocity_numbers(step.v0, step.y_free)
     energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*both), both, strict=True))
     scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * check.eps(state.dtype)) ** 2
     acts_at_all = _anything_acts(system)
@@ -269,7 +269,7 @@ def residual(
 
 
 @algorithm(*FIELDS, result_shape=lambda _, static: [(n,) for n in static["sizes"]])
-def impulses(state: MechanismState, step: StepData, y: Array, *, sizes: tuple[int, ...]):
+def returned_impulses(state: MechanismState, step: StepData, y: Array, *, sizes: tuple[int, ...]):
     """The impulses that terms return, (k, B) each, at the velocities `v0` + y. sizes: their k."""
     system = system_of(state, step)
     _, found, _ = _laws_at(system, step, y)
@@ -418,16 +418,16 @@ class Search(NamedTuple):
     rate: Number
 
 
-def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_good: jax.Array) -> Number:
+def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, slopes: Slopes, is_whole: jax.Array) -> Number:
     """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton.
 
-    u_d: the velocities of the direction. is_good: states for which a whole step is taken.
+    u_d: the velocities of the direction. is_whole: states for which a whole step is taken.
     """
     state, terms = constants.system.world.state, constants.system.terms
-    goal = SLOPE * abs(along.decrement) + along.rounding
+    goal = SLOPE * abs(slopes.decrement) + slopes.rounding
     # The first length is 1, whose derivative is not known before the loop: it is evaluated in one place.
     low, one, up, unknown = (as_data(state.known(x), (1, state.n)) for x in (0.0, 1.0, LONGEST, np.inf))
-    start = Search(low, up, one, where(is_good, 0.0, unknown), one)
+    start = Search(low, up, one, where(is_whole, 0.0, unknown), one)
 
     def slope(term: Term, u, d, length: Number) -> tuple[Number, Number]:
         """(d . impulses, d . G d) at u + length d."""
@@ -437,7 +437,7 @@ def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_go
     def trial(carry):
         data, k = carry
         at: Search = with_data(start, data)
-        is_over = is_good | ~(high(abs(at.f)) > high(goal))
+        is_over = is_whole | ~(high(abs(at.f)) > high(goal))
         # The next length to try.
         is_short = high(at.f) < 0
         low, up = where(is_short, at.length, at.low), where(is_short, at.up, at.length)
@@ -447,8 +447,8 @@ def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_go
         stays = is_over | (k == 0)
         low, up, length = (where(stays, x, y) for x, y in zip(at[:3], after, strict=True))
         of_terms, rate = map(_sum_of, _of_each(slope, terms, u, u_d, length=length))
-        f = along.slope + length * along.curvature - of_terms
-        return data_of(Search(low, up, length, where(is_over, 0.0, f), along.curvature + rate)), k + 1
+        f = slopes.slope + length * slopes.curvature - of_terms
+        return data_of(Search(low, up, length, where(is_over, 0.0, f), slopes.curvature + rate)), k + 1
 
     data, _ = lax.while_loop(
         lambda x: (x[1] <= MOST_TRIALS) & (high(abs(with_data(start, x[0]).f)) > high(goal)).any(),

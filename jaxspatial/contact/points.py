@@ -347,8 +347,8 @@ class Contacts(Term[Vector, LawDerivative]):
         held: contacts that stick wherever y is.
         """
         n, mu, R_n, R_t = self.normal, self.friction, self.R_n, self.R_t
-        along_normal = dot(n, u)
-        y_n, y_t = (self.target - along_normal) / R_n, (along_normal * n - u) / R_t
+        u_n = dot(n, u)
+        y_n, y_t = (self.target - u_n) / R_n, (u_n * n - u) / R_t
         length = (dot(y_t, y_t) + SMOOTHED).sqrt()
         t = y_t / length
         steep = mu * R_t / R_n
@@ -382,11 +382,11 @@ class Contacts(Term[Vector, LawDerivative]):
         return dot(impulse, u)
 
     def bound(self, G: LawDerivative, x: Vector) -> Number:
-        along = dot(self.normal, x)
-        across = x - along * self.normal
+        x_n = dot(self.normal, x)
+        x_t = x - x_n * self.normal
         # Where contacts slide, an impulse has no part along one direction: G is zero there.
         sticks = (high(G.mixed) == 0) & (high(G.across) > 0)
-        square = along * along * self.R_n + dot(across, across) * self.R_t
+        square = x_n * x_n * self.R_n + dot(x_t, x_t) * self.R_t
         return where(sticks | (high(dot(x, x)) == 0), square, np.inf)
 
     def magnitude(self, u: Vector) -> Vector:

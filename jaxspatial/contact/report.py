@@ -135,7 +135,7 @@ def contact_report(
         jnp.concatenate([jnp.broadcast_to(x, (*batch, *x.shape[axis:])) for x in each], axis)
         for axis, each in zip((-2, -1, -2, -2, -2), zip(*parts, strict=True), strict=True)
     )
-    points, approach, slip = _moving(precision, centers, offsets, normals, velocities)
+    points, approach, slip = _point_and_speeds(precision, centers, offsets, normals, velocities)
     sticks = None
     if forces is not None:
         check.require_kind(forces, SpatialForce, f"{what}: forces")
@@ -149,7 +149,7 @@ def contact_report(
 
 
 @formula
-def _moving(center: Vector, offset: Vector, n: Vector, v: Vector) -> list[Any]:
+def _point_and_speeds(center: Vector, offset: Vector, n: Vector, v: Vector) -> list[Any]:
     """(the contact point, how fast surfaces approach, how fast they slide)."""
     along = dot(n, v)
     return [center + offset, -along, v - along * n]

@@ -376,26 +376,26 @@ class _Problem(NamedTuple):
         # JAX keeps the rule below with the caller's trace, so it holds no array: those of this trace would leak.
         known = self._with_data(lambda _: object())
 
-        def at(data: Sequence[Any]) -> "_Problem":
+        def problem_of(data: Sequence[jax.Array]) -> "_Problem":
             rest = iter(data)
             return known._with_data(lambda _: next(rest))
 
         # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
         @jax.custom_jvp
-        def optimum(*data) -> tuple[jax.Array, jax.Array]:
-            own = at(data)._with_data(lax.stop_gradient)
+        def optimum(*data: jax.Array) -> tuple[jax.Array, jax.Array]:
+            own = problem_of(data)._with_data(lax.stop_gradient)
             return newton.solve(precision, own.mechanism, own.q, own.step)
 
         @optimum.defjvp
         def _(primals, tangents) -> Any:
             y, iterations = optimum(*primals)
-            _, force = jax.jvp(lambda *data: at(data)._imbalance(precision, y), primals, tangents)
-            change = at(primals)._times_inverse(precision, y, -force)
+            _, force = jax.jvp(lambda *data: problem_of(data)._imbalance(precision, y), primals, tangents)
+            change = problem_of(primals)._times_inverse(precision, y, -force)
             return (y, iterations), (change, np.zeros(iterations.shape, jax.dtypes.float0))
 
         y, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
         fixed = self._with_data(lax.stop_gradient)
-        residual = newton.residual(precision, *fixed._moving(lax.stop_gradient(y)))
+        residual = newton.residual(precision, *fixed._compared(lax.stop_gradient(y)))
         return y, residual[..., 0], iterations[..., 0]
 
     def _with_data(self, function: Callable[[Any], Any]) -> "_Problem":
@@ -410,22 +410,22 @@ class _Problem(NamedTuple):
                 fields[k] = jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree)
         return _Problem(*fields)
 
-    def _moving(self, y: jax.Array) -> tuple[Any, ...]:
+    def _compared(self, y: jax.Array) -> tuple[Any, ...]:
         """What programs take that compare forces, for a change y of the velocities."""
         vdot = quotient(y, jnp.broadcast_to(self.step.dt, y.shape))
         return self.mechanism, self.q, self.step, y, self.v, vdot, self.tau, self.forces
 
     def _imbalance(self, precision: Precision, y: jax.Array) -> jax.Array:
-        return newton.imbalance(precision, *self._moving(y))
+        return newton.imbalance(precision, *self._compared(y))
 
     def _times_inverse(self, precision: Precision, y: jax.Array, force: jax.Array) -> jax.Array:
         """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
-        at = self._with_data(lax.stop_gradient)
+        fixed = self._with_data(lax.stop_gradient)
 
         return lax.custom_linear_solve(
             lambda x: jax.jvp(lambda y: self._imbalance(precision, y), (y,), (x,))[1],
             force,
-            lambda _, b: newton.solve_at(precision, at.mechanism, at.q, at.step, lax.stop_gradient(y), b),
+            lambda _, b: newton.solve_at(precision, fixed.mechanism, fixed.q, fixed.step, lax.stop_gradient(y), b),
             symmetric=True,
         )
 
@@ -435,7 +435,7 @@ class _Problem(NamedTuple):
         sizes = tuple(x.result_size for x in data if x.result_size)
         if not sizes:
             return [None] * len(data)
-        impulses = newton.impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes)
+        impulses = newton.returned_impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes)
         forces = iter([quotient(x, jnp.broadcast_to(self.step.dt, x.shape)) for x in impulses])
         return [x.wrenches(next(forces)) if x.result_size else None for x in data]
 

@@ -51,7 +51,7 @@ class TendonData(TermData):
         return _limits(world, step, self.velocities, c, length - lower, upper - length, is_equal)
 
 
-def tendon_data(mechanism: Mechanism, dtype) -> TendonData | None:
+def tendon_data(mechanism: Mechanism, dtype: np.dtype) -> TendonData | None:
     """The TendonData of the tendons that have limits; None for none."""
     limited = (x for x in mechanism.tendons if not (is_infinite(x.lower) and is_infinite(x.upper)))
     rows = [(*over_coordinates(mechanism, x), x.lower, x.upper) for x in limited]
@@ -87,7 +87,7 @@ class BallData(TermData):
         return _limits(world, step, velocities, tuple(axis), angle + np.inf, largest - angle)
 
 
-def ball_data(mechanism: Mechanism, _) -> BallData | None:
+def ball_data(mechanism: Mechanism, _: np.dtype) -> BallData | None:
     """The BallData of the balls that have limits; None for none."""
     t, limits = mechanism.topology, mechanism.turn_limits
     if limits is None:
@@ -107,11 +107,11 @@ def _limits(
     is_equal: Mask | None = None,
 ) -> "LimitsOfForms":
     """The LimitsOfForms of numbers at distances below and above from their limits. is_equal: as of `Limit`."""
-    v0, y_free = world.numbers(step.v0, step.y_free)
+    v0, y_free = world.velocity_numbers(step.v0, step.y_free)
     u0, u_free = (_form(places, c, v) for v in (v0, v0 + y_free))
-    fastest = where(high(abs(u0)) > high(abs(u_free)), abs(u0), abs(u_free))
+    speed = where(high(abs(u0)) > high(abs(u_free)), abs(u0), abs(u_free))
     w = _form(places, tuple(x * x for x in c), 1 / world.diagonal)
-    limit = Limit.of(below, above, w, fastest, world.dt, is_equal=is_equal)
+    limit = Limit.of(below, above, w, speed, world.dt, is_equal=is_equal)
     return LimitsOfForms(places, c, limit, limit.R)
 
 

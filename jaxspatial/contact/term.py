@@ -85,7 +85,7 @@ class Term(Generic[U, H]):
     takes.
 
     J^T G J is added to A, and how depends on where a term acts. On one body it is an inertia, see `inertia`. On the
-    velocity of one joint it is an armature, see `joint_velocities`. Between bodies or joints it is a system of
+    velocity of one joint it is an armature, see `single_velocities`. Between bodies or joints it is a system of
     equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
     is_stiff: whether G is so large that impulse - G J x, for a direction x, would be a difference of large numbers.
@@ -162,7 +162,7 @@ class Term(Generic[U, H]):
         """J^T G J of what acts on single bodies, as Articulated inertias."""
         return []
 
-    def joint_velocities(self) -> np.ndarray | None:
+    def single_velocities(self) -> np.ndarray | None:
         """The numbers (m,) of the velocities on which the impulses act, each on one: G adds to its armature. No two
         terms may act on one velocity in this way. None for a term that acts in another."""
         return None
@@ -194,5 +194,5 @@ class Rows(Term[Number, Number]):
         return impulse * u
 
     def bound(self, G: Number, x: Number) -> Number:
-        acts = high(G) > 0
-        return where(acts | (high(x) == 0), x * x / where(acts, G, 1.0), np.inf)
+        has_G = high(G) > 0
+        return where(has_G | (high(x) == 0), x * x / where(has_G, G, 1.0), np.inf)

@@ -126,7 +126,7 @@ class World:
 
     # -- generalized velocities ---------------------------------------------------------------------------------------
 
-    def numbers(self, *vectors: Array) -> list[Number]:
+    def velocity_numbers(self, *vectors: Array) -> list[Number]:
         """Generalized velocities as numbers (nv, B), those of floating roots in world axes."""
         return [self.turned(self.state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
