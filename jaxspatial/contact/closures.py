@@ -160,7 +160,7 @@ times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 
 
 class LoopJacobian(NamedTuple):
-    """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if no terms cancelled."""
+    """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if nothing cancelled."""
 
     J: jax.Array
     squares: jax.Array
@@ -180,6 +180,7 @@ class LoopsOfState(NamedTuple):
         return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
 
     def placed(self, q: jax.Array) -> list[Placed]:
+        """All closures at q."""
         if not self.closures:
             return []
         X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
@@ -193,6 +194,7 @@ class LoopsOfState(NamedTuple):
         return placed
 
     def jacobian(self, q: jax.Array, placed: Sequence[Placed]) -> LoopJacobian:
+        """The rows of all closures; zero where nothing moves their frames against each other."""
         rows = [LoopJacobian(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
@@ -204,8 +206,8 @@ class LoopsOfState(NamedTuple):
                 # The twists of B for an observer on A are J_B - J_A + turned.
                 turned = jnp.cross(x.p_AB_W[:, None], J_A[:3], axis=0)
                 turned = jnp.concatenate([jnp.zeros_like(turned), turned])
-                terms = times(jnp.abs(x.N_W), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
-                rows.append(LoopJacobian(times(x.N_W, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
+                sizes = times(jnp.abs(x.N_W), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
+                rows.append(LoopJacobian(times(x.N_W, J_B - J_A + turned), jnp.sum(sizes * sizes, -1)))
         return LoopJacobian(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
 
     def biases(self, q: jax.Array, v: jax.Array, placed: Sequence[Placed]) -> jax.Array:
@@ -219,6 +221,7 @@ class LoopsOfState(NamedTuple):
 
 
 def errors_of(placed: Sequence[Placed], dtype: np.dtype) -> jax.Array:
+    """The errors of all closures, (rows,)."""
     return jnp.concatenate([jnp.zeros(0, dtype), *(x.error for x in placed)])
 
 

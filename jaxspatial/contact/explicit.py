@@ -113,9 +113,9 @@ def _contact_forces(
 ) -> SpatialForce:
     """`contact_forces` of arrays, of some contacts."""
     mechanism, contacts, ground = scene
-    at = contact_geometry("contact_forces", mechanism, q, v, contacts, ground, precision)
-    numbers = map(check.expanded, (at.depth, contacts.stiffness, contacts.friction, d, v_s))
-    return SpatialForce(*_forces(precision, at.normals, at.velocities, at.offsets, *numbers))
+    found = contact_geometry("contact_forces", mechanism, q, v, contacts, ground, precision)
+    numbers = map(check.expanded, (found.depth, contacts.stiffness, contacts.friction, d, v_s))
+    return SpatialForce(*_forces(precision, found.normals, found.velocities, found.offsets, *numbers))
 
 
 _as_one_program = composite(_contact_forces)

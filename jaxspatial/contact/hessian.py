@@ -54,6 +54,7 @@ class Coupled(NamedTuple):
 
 
 def system_of(state: MechanismState, step: StepData) -> System:
+    """The System of a step."""
     world = World(state, state.numbers(step.dt[:, None])[0])
     terms = tuple(data.to_term(world, step) for data in step.term_data)
     if not state.topology.has_mimics:
@@ -118,12 +119,11 @@ def solve_hessian(system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, 
     both = [(body.S, body.r, e) for body, e in zip(world.bodies, eliminated, strict=True)]
     found = recursion.outward(world.state, _accelerate, world.at_rest, both)
     found, remainders = _with_terms_between(system, G, balanced, applied, eliminated, found)
-    x, motions, left = ([y[k] for y in found] for k in range(3))
     for k, term in enumerate(terms):
         if (rows := term.single_velocities()) is not None:
-            by_velocity = world.state.numbers_by_velocity(left)
-            remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
-    return Solution(world.state.numbers_by_velocity(x), motions, remainders)
+            left = world.state.numbers_by_velocity([d.left for d in found])
+            remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), left)
+    return Solution(world.state.numbers_by_velocity([d.x for d in found]), [d.motion for d in found], remainders)
 
 
 def _on_single_velocities(system: System, numbers: ByTerm) -> Number | None:
@@ -131,6 +131,15 @@ def _on_single_velocities(system: System, numbers: ByTerm) -> Number | None:
     both = [(term.single_velocities(), x) for term, x in zip(system.terms, numbers, strict=True)]
     found = [system.world.at_velocities(x, rows) for rows, x in both if rows is not None]
     return functools.reduce(operator.add, found) if found else None
+
+
+class Direction(NamedTuple):
+    """What is found of the bodies of a bundle. x: the velocities of their joints. motion: that of the bodies. left: the
+    part of the impulses on single velocities of the joints that G x does not balance."""
+
+    x: Numbers
+    motion: Motion
+    left: Numbers
 
 
 class VelocityElimination(NamedTuple):
@@ -154,8 +163,8 @@ def _eliminate(link, children: ArticulatedBody) -> tuple[list[VelocityEliminatio
     return eliminated, ArticulatedBody(articulated.shifted(P, -body.r), algebra.shifted_wrench(Z, -body.r))
 
 
-def _accelerate(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Motion]:
-    """((velocities, the motion of the body, what is left of the impulses of the joint), the motion)."""
+def _accelerate(link, parent: Motion) -> tuple[Direction, Motion]:
+    """(the Direction of a body, its motion)."""
     S, r, eliminated = link
     A, found = algebra.shifted_motion(parent, r), list[tuple[Number, Number]]()
     for s, (whole, D, u) in zip(reversed(S), reversed(eliminated), strict=True):
@@ -165,15 +174,20 @@ def _accelerate(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], 
         found.append((x, left))
         A = after
     x, left = zip(*reversed(found), strict=True) if found else ((), ())
-    return (x, A, left), A
+    return Direction(x, A, left), A
 
 
 # -- terms between bodies ---------------------------------------------------------------------------------------------
 
 
 def _with_terms_between(
-    system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list, found: list
-) -> tuple[list, list[Number | None]]:
+    system: System,
+    G: ByTerm,
+    balanced: ByTerm,
+    applied: ByTerm,
+    eliminated: list[list[VelocityElimination]],
+    found: list[Direction],
+) -> tuple[list[Direction], list[Number | None]]:
     """(what `_accelerate` found, corrected for terms between bodies; what is left of the impulses of these).
 
     found: x', without the G of these terms and without the impulses that G x balances. With H' all else of H,
@@ -208,13 +222,13 @@ def _with_terms_between(
         rows[in_order] = np.arange(len(in_order))
         right = right + stacking.mapped(lambda w: with_zero_rows(w, rows), stacking.concatenated(each))
     s = matrices.inverse_times(M, right)
-    summed = list[Any]()
-    for (x, _, left), (columns_x, _, columns_left) in zip(found, Y, strict=True):
-        own = x, left
+    summed = list[tuple[Numbers, Numbers]]()
+    for d, columns_of_d in zip(found, Y, strict=True):
+        own = d.x, d.left
         for i in range(k):
             share, here = stacking.mapped(lambda w, i=i: w[i], s), slice(i * n, (i + 1) * n)
             column = stacking.mapped(
-                lambda w, here=here: w[..., here] if w.shape[-1] == n * k else w, (columns_x, columns_left)
+                lambda w, here=here: w[..., here] if w.shape[-1] == n * k else w, (columns_of_d.x, columns_of_d.left)
             )
             own = jax.tree.map(lambda a, b, s=share: a + s * b, own, column, is_leaf=is_number)
         summed.append(own)
@@ -223,10 +237,12 @@ def _with_terms_between(
     for i, (a, b) in places.items():
         left = stacking.mapped(lambda w, a=a, b=b: w[a:b], s) / roots[i]
         remainders[i] = left if applied[i] is None else left + applied[i]
-    return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
+    return [Direction(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
 
 
-def _columns_of_Y(system: System, G: ByTerm, columns: Columns, eliminated: list) -> list:
+def _columns_of_Y(
+    system: System, G: ByTerm, columns: Columns, eliminated: list[list[VelocityElimination]]
+) -> list[Direction]:
     """Y = H'^-1 J^T L, as `_accelerate` finds a direction: of k columns side by side, in k times as many states."""
     world, n, k = system.world, system.world.state.n, len(columns.b)
     wide, own = world.of_states(n * k), np.eye(k, dtype=bool)[:, :, None]
@@ -249,14 +265,14 @@ def _columns_of_Y(system: System, G: ByTerm, columns: Columns, eliminated: list)
     return recursion.outward(wide.state, _follow, world.at_rest, both)
 
 
-def _column_velocities(world: World, columns: Columns, results: list) -> Number:
-    """Columns . (velocities and motions), as `_accelerate` finds them, (k, B)."""
-    motions = [x[1] for x in results]
+def _column_velocities(world: World, columns: Columns, found: list[Direction]) -> Number:
+    """Columns . (velocities and motions), (k, B)."""
+    motions = [d.motion for d in found]
     V_b, V_a = (world.of_bodies(bodies, motions) for bodies in (columns.b, columns.a))
     of_bodies = algebra.power(columns.on_b, V_b) + algebra.power(columns.on_a, V_a)
     if columns.on_joints is None:
         return of_bodies
-    x = stacking.mapped(lambda w: w[:, None], world.state.numbers_by_velocity([x[0] for x in results]))
+    x = stacking.mapped(lambda w: w[:, None], world.state.numbers_by_velocity([d.x for d in found]))
     return of_bodies + stacking.pairwise_sum(stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1), columns.on_joints) * x)
 
 
@@ -285,11 +301,11 @@ def _to_parent(body, children: Wrench) -> tuple[list[Elimination], Wrench]:
     return eliminated, algebra.shifted_wrench(Z, -r)
 
 
-def _follow(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Motion]:
+def _follow(link, parent: Motion) -> tuple[Direction, Motion]:
     """`_accelerate`, where joints have no impulses."""
     S, r, eliminated, G = link
     x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)
-    return (x, A, tuple(-g * y for g, y in zip(G, x, strict=True))), A
+    return Direction(x, A, tuple(-g * y for g, y in zip(G, x, strict=True))), A
 
 
 # -- mechanisms with mimics -------------------------------------------------------------------------------------------
@@ -298,19 +314,21 @@ def _follow(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Moti
 def _solve_with_mimics(
     system: System, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]
 ) -> Solution:
-    """`solve_hessian` by elimination: of x, and of what is left of the impulses of stiff terms, y.
+    """`solve_hessian` by elimination: of x, and of what is left of the impulses of stiff terms, z.
 
-        (A + J_c^T G_c J_c) x - J^T y = J_c^T impulse_c + J^T applied + forces        G J x + y = balanced
+        (A + J_c^T G_c J_c) x - J^T z = J_c^T impulse_c + J^T applied + forces        G J x + z = balanced
 
-    with J_c of the other terms. y is no difference of large numbers. y + applied is left.
+    with J_c of the other terms. z is no difference of large numbers. z + applied is left.
     """
     world, n, nv, H = system.world, system.world.state.n, system.world.state.topology.nv, coupled.A
     right = world.generalized(forces)
     each = list[Any](zip(system.terms, coupled.J, G, balanced, applied, strict=True))
-    for term, J, _, _, own in (x for x in each if x[0].is_stiff and x[4] is not None):
-        on_velocities = stacking.mapped(lambda w: w[:, None], stacking.spread(own, (term.count, n))) * J
-        right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
-    for term, J, g, _, own in (x for x in each if not x[0].is_stiff):
+    stiff, others = ([x for x in each if x[0].is_stiff is flag] for flag in (True, False))
+    for term, J, _, _, own in stiff:
+        if own is not None:
+            on_velocities = stacking.mapped(lambda w: w[:, None], stacking.spread(own, (term.count, n))) * J
+            right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
+    for term, J, g, _, own in others:
         m = term.count
         wide_term, g, own = stacking.mapped(lambda w: w[:, None], (term, g, own))
         rows, columns = (
@@ -320,12 +338,10 @@ def _solve_with_mimics(
         J_G_J, pushed = wide_term.product(rows, columns), wide_term.product(J, own)
         H = H + stacking.pairwise_sum(stacking.spread(J_G_J, (m, nv, nv, n)))
         right = right + stacking.pairwise_sum(stacking.spread(pushed, (m, nv, n)))
-    stiff_terms = [x for x in each if x[0].is_stiff]
-    if stiff_terms:
-        G_stiff, given = (
-            stacking.concatenated([stacking.spread(own[k], (own[0].count, n)) for own in stiff_terms]) for k in (2, 3)
-        )
-        H = _bordered(H, stacking.concatenated([x[1] for x in stiff_terms]), G_stiff)
+    if stiff:
+        G_stiff = stacking.concatenated([stacking.spread(g, (term.count, n)) for term, _, g, _, _ in stiff])
+        given = stacking.concatenated([stacking.spread(own, (term.count, n)) for term, _, _, own, _ in stiff])
+        H = _bordered(H, stacking.concatenated([J for _, J, _, _, _ in stiff]), G_stiff)
         right = stacking.concatenated([right, given])
     found, remainders, first = matrices.inverse_times(H, right), list[Number | None](), nv
     for term, _, _, _, own in each:

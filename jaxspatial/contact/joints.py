@@ -21,20 +21,19 @@ from jaxspatial.numerics.quantity import tree_of
 LIMIT_STIFFNESS, LIMIT_WINDOW = 1e12, 2.0
 
 
-def limited_rows(topology: Topology, fields: Mapping[str, Any]) -> np.ndarray:
-    """The velocities (m,) on which limits or dry friction may act. fields: numbers of the mechanism, by name.
-
-    Limits act on joints of one coordinate, whose rate is their velocity.
-    """
-    rows = list[int]()
+def _limited_velocities(topology: Topology, fields: Mapping[str, Any]) -> tuple[list[int], list[int]]:
+    """The m velocities on which limits or dry friction may act, and the joint of each. fields: of the mechanism."""
+    velocities, joints = list[int](), list[int]()
     for i in (i for i in range(len(topology)) if not topology.is_mimic(i)):
         own = topology.v_slice(i)
         if _has_limits(topology, fields, i) or not _is_known_to_be(fields["friction_loss"], own, 0):
-            rows += range(own.start, own.stop)
-    return np.array(rows, int)
+            velocities += range(own.start, own.stop)
+            joints += [i] * (own.stop - own.start)
+    return velocities, joints
 
 
 def _has_limits(topology: Topology, fields: Mapping[str, Any], i: int) -> bool:
+    """Whether limits may act on joint i: on one of one coordinate, whose rate is its velocity."""
     kind, places = topology.kind(i), topology.q_slice(i)
     is_simple = kind.nq == kind.nv == 1 and not kind.rates_need_angles
     unlimited = (_is_known_to_be(fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
@@ -51,12 +50,10 @@ class JointData(TermData):
 
     def to_term(self, world: World, step: StepData) -> "Joints":
         state, dt = world.state, world.dt
-        t, fields, rows = state.topology, state.fields, limited_rows(state.topology, state.fields)
-        body_of = {
-            v: i for i in range(len(t)) if not t.is_mimic(i) for v in range(t.v_slice(i).start, t.v_slice(i).stop)
-        }
-        has_limits = np.array([_has_limits(t, fields, body_of[v]) for v in rows])
-        q_rows = np.array([t.q_starts[body_of[v]] for v in rows])
+        topology, fields = state.topology, state.fields
+        velocities, joints = _limited_velocities(topology, fields)
+        rows, q_rows = np.array(velocities), np.array([topology.q_starts[i] for i in joints])
+        has_limits = np.array([_has_limits(topology, fields, i) for i in joints])
         lower_array, upper_array = (stacking.rows(fields[x], q_rows) for x in ("lower", "upper"))
         q, lower, upper = (scalars(state, x) for x in (stacking.rows(state.q, q_rows), lower_array, upper_array))
         friction = scalars(state, stacking.rows(fields["friction_loss"], rows))
@@ -67,12 +64,12 @@ class JointData(TermData):
         is_equal = are_equal(lower, upper, lower_array, upper_array)
         is_equal = None if is_equal is None else is_equal & has_limits[:, None]
         limit = Limit.of(q - lower, upper - q, w, speed, dt, has_limits[:, None], is_equal)
-        return Joints(tuple(rows.tolist()), limit, friction * dt, STICKING * w)
+        return Joints(tuple(velocities), limit, friction * dt, STICKING * w)
 
 
 def joint_data(mechanism: Mechanism, _: np.dtype) -> JointData | None:
     """The JointData of a mechanism in which limits or dry friction may act; None for another."""
-    return JointData() if len(limited_rows(mechanism.topology, vars(mechanism))) else None
+    return JointData() if _limited_velocities(mechanism.topology, vars(mechanism))[0] else None
 
 
 def are_equal(lower: Number, upper: Number, lower_array: Array, upper_array: Array) -> Mask | None:

@@ -10,8 +10,8 @@ a along it is r -> (1 - a) r, x -> x + a e. A x is summed from the momenta of bo
 the pass that finds e: rounding errors of one direction are corrected by the next. A line search sees nothing but the
 velocities of terms. [Castro, Permenter, Han 2022, 4]
 
-The first direction is that of a linear problem: contacts that push at v0, or without contact, stick, even against a
-pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
+The first direction is that of a linear problem: contacts that push at the velocities v0, or at y*, stick, even against
+a pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
 search from v0 would stop at the kink of each foot.
 """
 
@@ -206,7 +206,7 @@ def imbalance(
 ):
     """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of terms as forces.
 
-    v: the velocities of joints at the start, along axes that turn."""
+    v: the velocities of joints at the start, along axes that turn; v0 is along axes that do not."""
     system = system_of(state, step)
     _, impulses, _ = _laws_at(system, step, y)
     return high(_gradient(system, impulses, step.v0, y, v, vdot, tau, external_forces))
@@ -365,13 +365,13 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
         return u, term.bound(G, linear - impulse), _rounding_of_velocities(term, u, G)
 
     u, bounds, noise = _of_each(after, terms, at.u, u_d, linear)
-    x, moving = moved((at.x, at.motions), (e, motions))
+    x, motions = moved((at.x, at.motions), (e, motions))
     bound = where(high(length) == 1, _sum_of(bounds), np.inf)
     is_settled = high(bound) <= high(smallest)
     decrement = where(is_settled, bound, where(is_first, 0.0, slopes.decrement))
     new = Scalars(at.scalars.over_free + length * free_e, (1 - length) * lacking, decrement, _sum_of(noise))
     scalars = Scalars(*(where(is_done, x, y) for x, y in zip(at.scalars, new, strict=True)))
-    return Iterate(x, moving, u, scalars), is_small | is_settled
+    return Iterate(x, motions, u, scalars), is_small | is_settled
 
 
 def _rounding_of_velocities(term: Term, u, G) -> Number:

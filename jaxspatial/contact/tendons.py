@@ -48,7 +48,7 @@ class TendonData(TermData):
         offset, lower, upper = (scalars(state, x) for x in (self.offset, self.lower, self.upper))
         length = functools.reduce(operator.add, map(operator.mul, c, q), offset)
         is_equal = are_equal(lower, upper, self.lower, self.upper)
-        return _limits(world, step, self.velocities, c, length - lower, upper - length, is_equal)
+        return _limits_of_forms(world, step, self.velocities, c, length - lower, upper - length, is_equal)
 
 
 def tendon_data(mechanism: Mechanism, dtype: np.dtype) -> TendonData | None:
@@ -84,7 +84,7 @@ class BallData(TermData):
         largest = scalars(state, stacking.rows(state.fields["turn_limits"], np.array(self.bodies)))
         velocities = tuple(tuple(t.v_starts[i] + j for i in self.bodies) for j in range(3))
         angle = where(is_none, 0.0, angle)
-        return _limits(world, step, velocities, tuple(axis), angle + np.inf, largest - angle)
+        return _limits_of_forms(world, step, velocities, tuple(axis), angle + np.inf, largest - angle)
 
 
 def ball_data(mechanism: Mechanism, _: np.dtype) -> BallData | None:
@@ -97,7 +97,7 @@ def ball_data(mechanism: Mechanism, _: np.dtype) -> BallData | None:
     return BallData(bodies) if bodies else None
 
 
-def _limits(
+def _limits_of_forms(
     world: World,
     step: StepData,
     places: Places,

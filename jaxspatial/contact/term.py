@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 # Velocities, and impulses, of a term: trees of numbers (m, B), one number or a Vector for each; and its G.
 U = TypeVar("U")
-H = TypeVar("H")
+GType = TypeVar("GType")
 
 # Drake's numbers: how much softer than rigid terms are in the near-rigid regime, in units of the Delassus operator
 # J D^-1 J^T, with D the diagonal of A: contacts along the normal, what sticks, and limits and closures.
@@ -78,15 +78,15 @@ class Columns(NamedTuple):
     on_joints: Number | None = None
 
 
-class Term(Generic[U, H]):
+class Term(Generic[U, GType]):
     """m impulses on a mechanism. Subclasses are pytrees of numbers (m, B).
 
     A velocity u, and an impulse, is a tree of numbers (m, B): one number for each, or a Vector. G is what `times_G`
     takes.
 
     J^T G J is added to A, and how depends on where a term acts. On one body it is an inertia, see `inertia`. On the
-    velocity of one joint it is an armature, see `single_velocities`. Between bodies or joints it is a system of
-    equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
+    velocity of one joint it is an armature, see `single_velocities`. Between bodies or joints it is
+    equations that are solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
     is_stiff: whether G is so large that impulse - G J x, for a direction x, would be a difference of large numbers.
     Newton's method then finds it in another way. It is for `Rows` alone, whose G is diagonal.
@@ -111,11 +111,11 @@ class Term(Generic[U, H]):
 
     # -- the law ------------------------------------------------------------------------------------------------------
 
-    def law(self, u: U, held: Mask | None = None) -> tuple[U, H]:
+    def law(self, u: U, held: Mask | None = None) -> tuple[U, GType]:
         """(the impulses at velocities u, G there). held: impulses whose law is taken for linear, wherever u is."""
         raise NotImplementedError
 
-    def times_G(self, G: H, u: U) -> U:
+    def times_G(self, G: GType, u: U) -> U:
         """G u."""
         raise NotImplementedError
 
@@ -123,7 +123,7 @@ class Term(Generic[U, H]):
         """impulse . u of each, (m, B)."""
         raise NotImplementedError
 
-    def bound(self, G: H, x: U) -> Number:
+    def bound(self, G: GType, x: U) -> Number:
         """At least x . G^-1 x of impulses x; infinite where x has a part in which G is zero."""
         raise NotImplementedError
 
@@ -139,7 +139,7 @@ class Term(Generic[U, H]):
         """Which laws the first direction takes for linear, from the velocities J v0 and J y_free."""
         return jnp.zeros((1, 1), bool)
 
-    def rounding(self, G: H, u: U) -> Number:
+    def rounding(self, G: GType, u: U) -> Number:
         """What an error of 1 in what the law is given, such as distances, adds to g^T H^-1 g, with g the gradient. For
         a `rounding_share` above 0."""
         raise NotImplementedError
@@ -158,7 +158,7 @@ class Term(Generic[U, H]):
         """The generalized forces (nv, B) of J^T impulse beside these wrenches."""
         return None
 
-    def inertia(self, G: H) -> list[OnBodies]:
+    def inertia(self, G: GType) -> list[OnBodies]:
         """J^T G J of what acts on single bodies, as Articulated inertias."""
         return []
 
@@ -167,7 +167,7 @@ class Term(Generic[U, H]):
         terms may act on one velocity in this way. None for a term that acts in another."""
         return None
 
-    def columns(self, world: "World", G: H) -> list[Columns]:
+    def columns(self, world: "World", G: GType) -> list[Columns]:
         """L^T J of what acts between bodies; of a term that is_stiff, those of all impulses in their order."""
         return []
 

@@ -58,8 +58,8 @@ class Bodies(NamedTuple):
     """The bodies of a bundle. R: their axes. r: positions from the parent's origin.
 
     S: the motions of each velocity of their joints. resistance: armature, and dt times the damping of the joint.
-    turns: whether velocities are along the axes of the world, and not along those of the bodies: of floating roots,
-    whose motions S are then known.
+    is_along_world: whether velocities are along the axes of the world, and not along those of the bodies: of floating
+    roots, whose motions S are then known.
     """
 
     R: Matrix
@@ -67,7 +67,7 @@ class Bodies(NamedTuple):
     S: tuple[Motion, ...]
     inertia: Inertia
     resistance: Numbers
-    turns: bool
+    is_along_world: bool
 
 
 class Forces(NamedTuple):
@@ -106,10 +106,10 @@ class World:
         # What acts along the axes of bodies keeps velocities along these: dry friction too.
         friction = self.state.own(bundle, self.state.fields["friction_loss"])
         is_free = all(is_constant(x) and x.value == 0 for x in (*resistance, *friction))
-        turns = has_floating_roots(bundle) and is_free
-        if turns:
+        is_along_world = has_floating_roots(bundle) and is_free
+        if is_along_world:
             S = self._along_world
-        return Bodies(R, r, S, inertia, resistance, turns)
+        return Bodies(R, r, S, inertia, resistance, is_along_world)
 
     @property
     def _along_world(self) -> tuple[Motion, ...]:
@@ -133,11 +133,11 @@ class World:
     def turned(self, v: Number, to_world: bool) -> Number:
         """Velocities (nv, B) with those of floating roots in world axes, from those along the axes of bodies; or
         back."""
-        if not any(body.turns for body in self.bodies):
+        if not any(body.is_along_world for body in self.bodies):
             return v
         by_bundle = self.by_bundle(v)
         for k, body in enumerate(self.bodies):
-            if body.turns:
+            if body.is_along_world:
                 R = body.R if to_world else body.R.T
                 by_bundle[k] = (*(R @ Vector(*by_bundle[k][:3])), *(R @ Vector(*by_bundle[k][3:])))
         return self.state.numbers_by_velocity(by_bundle)
@@ -278,7 +278,7 @@ class World:
         roots = [
             (state.topology.v_starts[i], state.of_bodies([i], [x.R for x in self.bodies], state.world.R))
             for b, body in zip(state.bundles, self.bodies, strict=True)
-            if has_floating_roots(b) and not body.turns
+            if has_floating_roots(b) and not body.is_along_world
             for i in b.bodies.ravel().tolist()
         ]
         return Units(wide, v, motions, A, diagonal, roots)
@@ -315,7 +315,7 @@ class World:
         """
         bodies = list(self.bodies)
         for k, (b, body) in enumerate(zip(self.state.bundles, self.bodies, strict=True)):
-            if has_floating_roots(b) and not body.turns:
+            if has_floating_roots(b) and not body.is_along_world:
                 # The resistance is the diagonal along these axes.
                 turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
                 squares = [Vector(*(x * x for x in row)) for row in body.R]
