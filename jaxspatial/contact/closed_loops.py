@@ -376,7 +376,7 @@ def _equilibrated(G: jax.Array, rows: LoopJacobian) -> tuple[jax.Array, jax.Arra
     """(s, s G s), with a diagonal of ones: rows may be of radians and of metres.
 
     Rows that are zero stay so, up to rounding: across the plane of a planar loop nothing moves, and what is left of
-    terms that cancel says nothing.
+    numbers that cancel says nothing.
     """
     norms = jnp.sum(rows.J * rows.J, -1)
     share = norms / jnp.where(rows.squares > 0, norms + _regularization(G.dtype) * rows.squares, 1)
@@ -393,7 +393,8 @@ def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
     return times(half.T, half).astype(A.dtype)
 
 
-def _regularization(dtype) -> float:
+def _regularization(dtype: np.dtype) -> float:
+    """The shift of the proximal iterations, see `_ITERATIONS`."""
     return check.eps(dtype) ** 0.5
 
 
@@ -430,20 +431,20 @@ def _close_loops(
     mechanism, closures = scene
     loops = LoopsOfState(mechanism, closures, distances, precision.value)
 
-    def nearer(state: _Iterate) -> _Iterate:
-        q, placed = state.q, loops.placed(state.q)
+    def nearer(last: _Iterate) -> _Iterate:
+        q, placed = last.q, loops.placed(last.q)
         rows = loops.jacobian(q, placed)
         scale, A = _equilibrated(times(rows.J, rows.J.T), rows)
         error = scale * errors_of(placed, q.dtype)
         squared, least = jnp.sum(error * error), _regularization(A.dtype)
         step = times(scale * times(_inverse(A, least + _DAMPING * squared), error), rows.J)
         # Near a closed configuration a step leaves the square of the error, or what rounding leaves.
-        is_at_end = (_DAMPING * squared <= least) & (squared >= 0.25 * state.squared)
+        is_at_end = (_DAMPING * squared <= least) & (squared >= 0.25 * last.squared)
         q = integrate(mechanism, q, -step, precision=loops.precision)
-        return _Iterate(q, squared, is_at_end, state.steps + 1)
+        return _Iterate(q, squared, is_at_end, last.steps + 1)
 
-    def goes_on(state: _Iterate) -> jax.Array:
-        return ~state.is_at_end & (state.steps < iterations)
+    def goes_on(last: _Iterate) -> jax.Array:
+        return ~last.is_at_end & (last.steps < iterations)
 
     # A step of length 0 normalises quaternions.
     q = integrate(mechanism, q, np.zeros(mechanism.nv, q.dtype), precision=loops.precision)

@@ -59,16 +59,16 @@ class PointsOnFrames:
     offsets: Array
 
 
-@tree_of("reversed")
+@tree_of("returns_a")
 class ContactData(TermData):
     """The n contacts of a step, as arrays (*batch, n) or (*batch, 3 n), those with the ground first.
 
-    reversed: of each whether the force on its body a is returned, in place of that on b. points_b: of all contacts.
+    returns_a: of each whether the force on its body a is returned, in place of that on b. points_b: of all contacts.
     points_a: of those between two frames, which come last; None without. normals: out of the ground or from a to b, in
     world axes. distances: between the surfaces, negative inside.
     """
 
-    reversed: tuple[bool, ...]
+    returns_a: tuple[bool, ...]
     points_b: PointsOnFrames
     points_a: PointsOnFrames | None
     normals: Array
@@ -84,8 +84,8 @@ class ContactData(TermData):
     def wrenches(self, forces: jax.Array) -> SpatialForce:
         """(*batch, n) on the bodies of the spheres that callers passed, about the contact points."""
         f = forces.reshape((*forces.shape[:-1], -1, 3))
-        if any(self.reversed):
-            f = jnp.where(np.array(self.reversed)[:, None], -f, f)
+        if any(self.returns_a):
+            f = jnp.where(np.array(self.returns_a)[:, None], -f, f)
         return SpatialForce(jnp.zeros_like(f), f)
 
     def to_term(self, world: World, step: StepData) -> "Contacts":
@@ -167,7 +167,7 @@ def contact_data(
                 _flat(normal),
                 distance,
                 stiffness / 2,
-                per_contact(a.relaxation_time, a) + per_contact(b.relaxation_time, a),
+                per_contact(a.relaxation_time, a) + per_contact(b.relaxation_time, b),
                 friction,
             )
         )
@@ -184,7 +184,7 @@ def contact_data(
     )
     names = "normals", "distances", "stiffness", "relaxation_time", "friction"
     arrays = (_over_one_batch([getattr(x, name) for x in parts]) for name in names)
-    return ContactData(parts[0].reversed + parts[1].reversed, points, parts[1].points_a, *arrays)
+    return ContactData(parts[0].returns_a + parts[1].returns_a, points, parts[1].points_a, *arrays)
 
 
 def _exchanged(b: PointsOnFrames, a: PointsOnFrames, which: tuple[bool, ...]) -> tuple[PointsOnFrames, PointsOnFrames]:

@@ -85,6 +85,7 @@ class World:
 
     def __init__(self, state: MechanismState, dt: Number):
         self.state, self.dt = state, dt
+        # The damping takes the place of the force, which the step has in `y_free`.
         links = [
             x._replace(tau=state.own(b, state.fields["damping"]))
             for x, b in zip(state.links(), state.bundles, strict=True)
