@@ -159,7 +159,9 @@ def test_what_may_change_of_jax_is_imported_in_one_file():
     assert found == {"numerics/jax_internals.py"}
 
 
-@pytest.mark.parametrize("folder", ["numerics", "rotation", "spatial", "inertia", "engine", "interop", "measure"])
+@pytest.mark.parametrize(
+    "folder", ["numerics", "rotation", "spatial", "inertia", "engine", "contact", "interop", "measure"]
+)
 def test_private_functions_do_not_say_that_an_argument_may_be_anything(folder):
     """`Any` finds no fault: what an argument is, its type says, or the docstring alone."""
     found = list[str]()

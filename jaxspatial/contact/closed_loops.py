@@ -30,9 +30,10 @@ from jaxspatial.contact.closures import (
 )
 from jaxspatial.dynamics.configuration import difference, integrate
 from jaxspatial.dynamics.forward_dynamics import forward_dynamics
-from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
+from jaxspatial.engine.algorithm import ExternalForces, Wrenches, checked, over_batch
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed, valued
+from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.precision import Precision, resolve
@@ -282,7 +283,9 @@ def close_loops(
     require_closable("close_loops", mechanism, closures, distances, cast(Any, q).dtype)
 
     return over_batch(
-        lambda q, own: _closed(LoopsOfState(mechanism, closures, own, precision), q, iterations), q, distances
+        lambda q, own: _closed_configuration(LoopsOfState(mechanism, closures, own, precision), q, iterations),
+        q,
+        distances,
     )
 
 
@@ -298,17 +301,17 @@ def _checked(operation: str, mechanism: Mechanism, loops, **arguments) -> tuple:
 # -- errors and rows --------------------------------------------------------------------------------------------------
 
 
-# What the programs of closures know while tracing.
+# What programs of closures have beside arrays: see `composite`.
 Scene = tuple[Mechanism, tuple[LoopClosure, ...]]
 
 
 @composite
-def _constraint_error(precision: Precision, scene: Scene, q, distances: Sequence[Any]):
+def _constraint_error(precision: Precision, scene: Scene, q: jax.Array, distances: Sequence[Array | None]):
     return errors_of(LoopsOfState(*scene, distances, precision.value).placed(q), q.dtype)
 
 
 @composite
-def _constraint_jacobian(precision: Precision, scene: Scene, q, distances: Sequence[Any]):
+def _constraint_jacobian(precision: Precision, scene: Scene, q: jax.Array, distances: Sequence[Array | None]):
     loops = LoopsOfState(*scene, distances, precision.value)
     return loops.jacobian(q, loops.placed(q)).J
 
@@ -320,18 +323,18 @@ def _constraint_jacobian(precision: Precision, scene: Scene, q, distances: Seque
 def _constrained_forward_dynamics(
     precision: Precision,
     scene: Scene,
-    q,
-    v,
-    tau,
-    k,
-    forces,
-    distances: Sequence[Any],
+    q: jax.Array,
+    v: jax.Array,
+    tau: jax.Array,
+    k: Array | None,
+    forces: Wrenches,
+    distances: Sequence[Array | None],
 ) -> ConstrainedDynamics:
     """`constrained_forward_dynamics` of one state, as one program."""
     loops = LoopsOfState(*scene, distances, precision.value)
 
-    def of_tree(tau) -> jax.Array:
-        return forward_dynamics(loops.mechanism, q, v, tau, forces, precision=loops.precision)
+    def of_tree(tau: jax.Array) -> jax.Array:
+        return forward_dynamics(loops.mechanism, q, v, tau, cast(ExternalForces, forces), precision=loops.precision)
 
     # The derivative by tau is M^-1, with the factors that vdot is computed with.
     vdot, times_inverse = jax.linearize(of_tree, tau)
@@ -373,7 +376,7 @@ def _equilibrated(G: jax.Array, rows: LoopJacobian) -> tuple[jax.Array, jax.Arra
     """(s, s G s), with a diagonal of ones: rows may be of radians and of metres.
 
     Rows that are zero stay so, up to rounding: across the plane of a planar loop nothing moves, and what is left of
-    terms that cancel says nothing.
+    numbers that cancel says nothing.
     """
     norms = jnp.sum(rows.J * rows.J, -1)
     share = norms / jnp.where(rows.squares > 0, norms + _regularization(G.dtype) * rows.squares, 1)
@@ -390,14 +393,15 @@ def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
     return times(half.T, half).astype(A.dtype)
 
 
-def _regularization(dtype) -> float:
+def _regularization(dtype: np.dtype) -> float:
+    """The shift of the proximal iterations, see `_ITERATIONS`."""
     return check.eps(dtype) ** 0.5
 
 
 # -- configurations ---------------------------------------------------------------------------------------------------
 
 
-class _Closing(NamedTuple):
+class _Iterate(NamedTuple):
     """Where the steps are, the squared error from which the last began, whether it got no smaller, and how many."""
 
     q: jax.Array
@@ -406,7 +410,7 @@ class _Closing(NamedTuple):
     steps: jax.Array
 
 
-class _Closed(NamedTuple):
+class _Converged(NamedTuple):
     """Where the iterations end, (nq,); one undamped step further, which is the result; its residual, (1,)."""
 
     end: jax.Array
@@ -419,38 +423,38 @@ def _close_loops(
     precision: Precision,
     scene: Scene,
     q: jax.Array,
-    distances: Sequence[Any],
+    distances: Sequence[Array | None],
     *,
     iterations: int,
-) -> _Closed:
+) -> _Converged:
     """A closed configuration near by, as one program: in a batch each state ends by itself."""
     mechanism, closures = scene
     loops = LoopsOfState(mechanism, closures, distances, precision.value)
 
-    def nearer(state: _Closing) -> _Closing:
-        q, placed = state.q, loops.placed(state.q)
+    def nearer(last: _Iterate) -> _Iterate:
+        q, placed = last.q, loops.placed(last.q)
         rows = loops.jacobian(q, placed)
         scale, A = _equilibrated(times(rows.J, rows.J.T), rows)
         error = scale * errors_of(placed, q.dtype)
         squared, least = jnp.sum(error * error), _regularization(A.dtype)
         step = times(scale * times(_inverse(A, least + _DAMPING * squared), error), rows.J)
         # Near a closed configuration a step leaves the square of the error, or what rounding leaves.
-        is_at_end = (_DAMPING * squared <= least) & (squared >= 0.25 * state.squared)
+        is_at_end = (_DAMPING * squared <= least) & (squared >= 0.25 * last.squared)
         q = integrate(mechanism, q, -step, precision=loops.precision)
-        return _Closing(q, squared, is_at_end, state.steps + 1)
+        return _Iterate(q, squared, is_at_end, last.steps + 1)
 
-    def goes_on(state: _Closing) -> jax.Array:
-        return ~state.is_at_end & (state.steps < iterations)
+    def goes_on(last: _Iterate) -> jax.Array:
+        return ~last.is_at_end & (last.steps < iterations)
 
     # A step of length 0 normalises quaternions.
     q = integrate(mechanism, q, np.zeros(mechanism.nv, q.dtype), precision=loops.precision)
-    start = _Closing(q, jnp.full((), np.inf, q.dtype), jnp.zeros((), bool), jnp.zeros((), np.int32))
+    start = _Iterate(q, jnp.full((), np.inf, q.dtype), jnp.zeros((), bool), jnp.zeros((), np.int32))
     end = lax.while_loop(goes_on, nearer, start).q
     closed = _stepped(loops, end)[0]
-    return _Closed(end, closed, jnp.max(jnp.abs(errors_of(loops.placed(closed), q.dtype)))[None])
+    return _Converged(end, closed, jnp.max(jnp.abs(errors_of(loops.placed(closed), q.dtype)))[None])
 
 
-def _stepped(loops: LoopsOfState, q) -> tuple[jax.Array, LoopJacobian]:
+def _stepped(loops: LoopsOfState, q: jax.Array) -> tuple[jax.Array, LoopJacobian]:
     """An undamped step, and the rows that it is taken along."""
     placed = loops.placed(q)
     rows = loops.jacobian(q, placed)
@@ -458,7 +462,7 @@ def _stepped(loops: LoopsOfState, q) -> tuple[jax.Array, LoopJacobian]:
     return integrate(loops.mechanism, q, -times(multipliers, rows.J), precision=loops.precision), rows
 
 
-def _closed(loops: LoopsOfState, q, iterations: int) -> ClosedConfiguration:
+def _closed_configuration(loops: LoopsOfState, q: jax.Array, iterations: int) -> ClosedConfiguration:
     """`close_loops` of one state."""
     mechanism, precision = loops.mechanism, loops.precision
     if not loops.closures or not mechanism.nv:

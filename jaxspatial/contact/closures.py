@@ -5,8 +5,8 @@ V = (w, v) along the axes of A, with dR/dt = [w]x R and dp/dt = v. It holds rows
 """
 
 import functools
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -40,10 +40,10 @@ MOBILE = 1e3
 
 
 def checked_closures(
-    operation: str, mechanism: Mechanism, loops, dtype: np.dtype
-) -> tuple[tuple[LoopClosure, ...], list]:
+    operation: str, mechanism: Mechanism, loops: Iterable[LoopClosure], dtype: np.dtype
+) -> tuple[tuple[LoopClosure, ...], list[Array | None]]:
     """The closures, and their distances (*batch, 1) or None."""
-    closures, distances = checked_loops(loops, mechanism.topology, f"{operation}: loops"), list[Any]()
+    closures, distances = checked_loops(loops, mechanism.topology, f"{operation}: loops"), list[Array | None]()
     for distance in (x.distance for x in closures):
         if isinstance(distance, np.ndarray):
             distance = distance.astype(dtype)
@@ -60,7 +60,11 @@ def are_of_one_body(mechanism: Mechanism, loop: LoopClosure) -> bool:
 
 
 def require_closable(
-    operation: str, mechanism: Mechanism, closures: Sequence[LoopClosure], distances: Sequence, dtype: np.dtype
+    operation: str,
+    mechanism: Mechanism,
+    closures: Sequence[LoopClosure],
+    distances: Sequence[Array | None],
+    dtype: np.dtype,
 ) -> None:
     """Refuses closures of frames of one body that are open, where these numbers are known."""
     for loop, distance in zip(closures, distances, strict=True):
@@ -94,11 +98,11 @@ class PoseOfB(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """A closure at one configuration: where its frames are. is_still: they are of one body."""
+    """A closure at one configuration: where its frames are. is_of_one_body: nothing moves them against each other."""
 
     kind: str
     distance: jax.Array | None
-    is_still: bool
+    is_of_one_body: bool
     R_WA: jax.Array
     p_WA: jax.Array
     p_AB_W: jax.Array
@@ -156,7 +160,7 @@ times = functools.partial(jnp.matmul, precision=lax.Precision.HIGHEST)
 
 
 class LoopJacobian(NamedTuple):
-    """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if no terms cancelled."""
+    """J (rows, nv), and the squares of the norms of rows (rows,) that it would have if nothing cancelled."""
 
     J: jax.Array
     squares: jax.Array
@@ -167,7 +171,7 @@ class LoopsOfState(NamedTuple):
 
     mechanism: Mechanism
     closures: tuple[LoopClosure, ...]
-    distances: Sequence[Any]
+    distances: Sequence[Array | None]
     precision: PrecisionName
 
     @property
@@ -175,7 +179,8 @@ class LoopsOfState(NamedTuple):
         """Frames A of all closures, then frames B."""
         return [x.frame_a for x in self.closures] + [x.frame_b for x in self.closures]
 
-    def placed(self, q) -> list[Placed]:
+    def placed(self, q: jax.Array) -> list[Placed]:
+        """All closures at q."""
         if not self.closures:
             return []
         X_WF = forward_kinematics(self.mechanism, q, self.frames, precision=self.precision)
@@ -184,45 +189,48 @@ class LoopsOfState(NamedTuple):
         for x, distance, R_WA, R_WB, p_WA, p_WB in zip(self.closures, self.distances, *of_A, *of_B, strict=True):
             p_AB_W = p_WB - p_WA
             X_AB = PoseOfB(times(R_WA.T, R_WB), times(p_AB_W, R_WA))
-            is_still = are_of_one_body(self.mechanism, x)
-            placed.append(Placed(x.kind, distance, is_still, R_WA, p_WA, p_AB_W, X_AB))
+            is_of_one_body = are_of_one_body(self.mechanism, x)
+            placed.append(Placed(x.kind, distance, is_of_one_body, R_WA, p_WA, p_AB_W, X_AB))
         return placed
 
-    def jacobian(self, q, placed: Sequence[Placed]) -> LoopJacobian:
+    def jacobian(self, q: jax.Array, placed: Sequence[Placed]) -> LoopJacobian:
+        """The rows of all closures; zero where nothing moves their frames against each other."""
         rows = [LoopJacobian(jnp.zeros((0, self.mechanism.nv), q.dtype), jnp.zeros(0, q.dtype))]
         if placed:
             J_WF = jacobian(self.mechanism, q, self.frames, precision=self.precision)
             for x, J_A, J_B in zip(placed, *jnp.split(J_WF, 2), strict=True):
-                if x.is_still:
+                if x.is_of_one_body:
                     zeros = jnp.zeros((ROWS[x.kind], self.mechanism.nv), q.dtype)
                     rows.append(LoopJacobian(zeros, jnp.zeros(zeros.shape[:1], zeros.dtype)))
                     continue
                 # The twists of B for an observer on A are J_B - J_A + turned.
                 turned = jnp.cross(x.p_AB_W[:, None], J_A[:3], axis=0)
                 turned = jnp.concatenate([jnp.zeros_like(turned), turned])
-                terms = times(jnp.abs(x.N_W), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
-                rows.append(LoopJacobian(times(x.N_W, J_B - J_A + turned), jnp.sum(terms * terms, -1)))
+                sizes = times(jnp.abs(x.N_W), jnp.abs(J_A) + jnp.abs(J_B) + jnp.abs(turned))
+                rows.append(LoopJacobian(times(x.N_W, J_B - J_A + turned), jnp.sum(sizes * sizes, -1)))
         return LoopJacobian(*(jnp.concatenate(parts) for parts in zip(*rows, strict=True)))
 
-    def biases(self, q, v, placed: Sequence[Placed]) -> jax.Array:
+    def biases(self, q: jax.Array, v: jax.Array, placed: Sequence[Placed]) -> jax.Array:
         """dJ/dt v (rows,)."""
         V = body_velocities(self.mechanism, q, v, self.frames, precision=self.precision)
         A = body_accelerations(self.mechanism, q, v, jnp.zeros_like(v), self.frames, precision=self.precision)
         each = zip(placed, *jnp.split(V.to_array(), 2), *jnp.split(A.to_array(), 2), strict=True)
         return jnp.concatenate(
-            [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_still else x.bias(*motions) for x, *motions in each]
+            [jnp.zeros(ROWS[x.kind], q.dtype) if x.is_of_one_body else x.bias(*motions) for x, *motions in each]
         )
 
 
 def errors_of(placed: Sequence[Placed], dtype: np.dtype) -> jax.Array:
+    """The errors of all closures, (rows,)."""
     return jnp.concatenate([jnp.zeros(0, dtype), *(x.error for x in placed)])
 
 
 # -- arrays -----------------------------------------------------------------------------------------------------------
 
 
-class Ties(NamedTuple):
-    """A closure by numbers: its frames, and how many of its rows hold orientations and positions."""
+class ClosureStructure(NamedTuple):
+    """What is static of a closure: the numbers of its frames, and how many of its rows hold orientations and
+    positions."""
 
     frame_a: int
     frame_b: int
@@ -238,14 +246,13 @@ class ClosureData(TermData):
     errors (*batch, k): rad, m. p_AB_W (*batch, 3 n).
     """
 
-    closures: tuple[Ties, ...]
+    closures: tuple[ClosureStructure, ...]
     turning: Array
     moving: Array
     errors: Array
     p_AB_W: Array
 
-    def term(self, world: World, step: StepData) -> "Closures":
-        """The Closures of all states."""
+    def to_term(self, world: World, step: StepData) -> "Closures":
         state, dt, n = world.state, world.dt, len(self.closures)
         frames_a, frames_b = (tuple(x) for x in list(zip(*self.closures, strict=True))[:2])
         arm_b = world.arms(frames_b, None, np.zeros(3 * n, state.dtype))
@@ -272,8 +279,8 @@ class ClosureData(TermData):
         whole = where(can_move, w, where(high(alone) > 0, least, 1.0))
         # A momentum is as large as the impulse, and changes velocities by w of it.
         noise, loss = where(can_move, size, 0.0) / dt, where(can_move, alone / whole + NEAR_RIGID_LIMIT**-0.5, 0.0)
-        free = where(can_move, -error, 0.0) / dt
-        return Closures(ends, on_b, -on_a, free, NEAR_RIGID_LIMIT * whole, noise, loss)
+        target = where(can_move, -error, 0.0) / dt
+        return Closures(ends, on_b, -on_a, target, NEAR_RIGID_LIMIT * whole, noise, loss)
 
     @property
     def result_size(self) -> int:
@@ -288,17 +295,24 @@ class ClosureData(TermData):
 
 
 def closure_data(
-    mechanism: Mechanism, q, closures: tuple[LoopClosure, ...], distances: Sequence, precision: PrecisionName
+    mechanism: Mechanism,
+    q: jax.Array,
+    closures: tuple[LoopClosure, ...],
+    distances: Sequence[Array | None],
+    precision: PrecisionName,
 ) -> ClosureData:
     """The rows of all closures as the convex step takes them."""
     number = mechanism.frame_names.index
-    ties = tuple(Ties(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3)) for x in closures)
+    structures = tuple(
+        ClosureStructure(number(x.frame_a), number(x.frame_b), x.rows - min(x.rows, 3), min(x.rows, 3))
+        for x in closures
+    )
 
-    def of_state(q, distances) -> ClosureData:
+    def of_state(q: jax.Array, distances: Sequence[Array | None]) -> ClosureData:
         placed = LoopsOfState(mechanism, closures, distances, precision).placed(q)
         N = jnp.concatenate([x.N_W for x in placed])
         p_AB_W = jnp.concatenate([x.p_AB_W for x in placed])
-        return ClosureData(ties, N[:, :3].reshape(-1), N[:, 3:].reshape(-1), errors_of(placed, q.dtype), p_AB_W)
+        return ClosureData(structures, N[:, :3].reshape(-1), N[:, 3:].reshape(-1), errors_of(placed, q.dtype), p_AB_W)
 
     return over_batch(of_state, q, distances)
 
@@ -309,15 +323,16 @@ def closure_data(
 @tree_of("ends")
 class Closures(Rows):
     """k rows of loop closures, as numbers (k, B). on_b, on_a: the wrenches on bodies b and a of a unit impulse, about
-    their origins. free: the velocity at which there is no impulse. R: how much an impulse changes the velocity.
+    their origins. target: the velocity to which impulses push, and at which there are none. R: how much an impulse
+    changes the velocity.
 
-    noise, loss: rounding errors of `free` in eps, and those of its difference from a velocity, in eps of that: these
+    noise, loss: rounding errors of `target` in eps, and those of its difference from a velocity, in eps of that: these
     come from R and from momenta."""
 
     ends: Ends
     on_b: Wrench
     on_a: Wrench
-    free: Number
+    target: Number
     R: Number
     noise: Number
     loss: Number
@@ -329,17 +344,17 @@ class Closures(Rows):
         return len(self.ends.b)
 
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
-        return (self.free - u) / self.R, 1 / self.R
+        return (self.target - u) / self.R, 1 / self.R
 
     def magnitude(self, u: Number) -> Number:
-        return abs(u) + abs(self.free)
+        return abs(u) + abs(self.target)
 
     def acts(self) -> jax.Array:
         return jnp.ones((1, 1), bool)
 
     def rounding(self, G: Number, u: Number) -> Number:
-        """Errors of `free`, and of its difference from u: H is at least J^T R^-1 J."""
-        x = self.noise + self.loss * abs(self.free - u)
+        """Errors of `target`, and of its difference from u: H is at least J^T R^-1 J."""
+        x = self.noise + self.loss * abs(self.target - u)
         return x * x / self.R
 
     def velocities(self, world: World, motions: list[Motion], v: Number) -> Number:

@@ -1,7 +1,7 @@
 """The Hessian of the convex step, H = A + sum J_i^T G_i J_i, and its inverse by articulated bodies.
 
 H is the mass matrix of the same mechanism with the inertia X^T diag(0, G) X added to each body in contact, and with G
-added to the armature of joints at limits. Terms between bodies are added by a system of as many unknowns as they have
+added to the armature of joints at limits. Terms between bodies are added by equations in as many unknowns as they have
 rows. Neither H nor any Jacobian is ever formed.
 
 A mimic couples joints of different bodies, which no pass over the tree eliminates: for mechanisms with mimics A and the
@@ -33,12 +33,12 @@ from jaxspatial.numerics.linear import Motion, Wrench
 from jaxspatial.numerics.numbers import Number, Numbers, constant, is_constant, is_number, mapped, shape_of, where
 from jaxspatial.spatial import algebra
 
-# For each term its velocities or impulses, and None for a term without; their G.
+# For each term its velocities or impulses, and None for a term without; or its G.
 ByTerm = Sequence[Any]
 
 
-class Scene(NamedTuple):
-    """What the solver reads. coupled: of mechanisms with mimics."""
+class System(NamedTuple):
+    """A mechanism and the terms that act on it, in all states of a program. coupled: of mechanisms with mimics."""
 
     world: World
     terms: tuple[Term, ...]
@@ -53,11 +53,12 @@ class Coupled(NamedTuple):
     J: tuple[Any, ...]
 
 
-def scene_of(state: MechanismState, step: StepData) -> Scene:
+def system_of(state: MechanismState, step: StepData) -> System:
+    """The System of a step."""
     world = World(state, state.numbers(step.dt[:, None])[0])
-    terms = tuple(data.term(world, step) for data in step.terms)
+    terms = tuple(data.to_term(world, step) for data in step.term_data)
     if not state.topology.has_mimics:
-        return Scene(world, terms, None)
+        return System(world, terms, None)
     units, n, nv = world.units, state.n, state.topology.nv
 
     def by_velocity(term: Term):
@@ -65,20 +66,20 @@ def scene_of(state: MechanismState, step: StepData) -> Scene:
         each = jax.tree.map(lambda x: stacking.spread(x, (term.count, n * nv)), u, is_leaf=is_number)
         return stacking.mapped(lambda w: w.reshape((term.count, nv, n)), each)
 
-    return Scene(world, terms, Coupled(units.A, tuple(map(by_velocity, terms))))
+    return System(world, terms, Coupled(units.A, tuple(map(by_velocity, terms))))
 
 
-def wrenches(scene: Scene, impulses: ByTerm) -> list[Wrench]:
+def wrenches_on_bodies(system: System, impulses: ByTerm) -> list[Wrench]:
     """The wrenches of impulses on the bodies of every bundle, about their origins, in world axes."""
-    both = zip(scene.terms, impulses, strict=True)
+    both = zip(system.terms, impulses, strict=True)
     parts = [part for term, x in both if x is not None for part in term.on_bodies(x)]
-    return scene.world.on_bundles(parts, scene.world.no_wrench)
+    return system.world.on_bundles(parts, system.world.no_wrench)
 
 
-def forces_on_joints(scene: Scene, impulses: ByTerm) -> Number | None:
+def forces_on_joints(system: System, impulses: ByTerm) -> Number | None:
     """The generalized forces (nv, B) of impulses beside their wrenches; None for none."""
-    both = zip(scene.terms, impulses, strict=True)
-    found = [f for term, x in both if x is not None and (f := term.on_joints(scene.world, x)) is not None]
+    both = zip(system.terms, impulses, strict=True)
+    found = [f for term, x in both if x is not None and (f := term.on_joints(system.world, x)) is not None]
     return functools.reduce(operator.add, found) if found else None
 
 
@@ -94,43 +95,51 @@ class Solution(NamedTuple):
     remainders: list[Number | None]
 
 
-def solve_hessian(scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]) -> Solution:
+def solve_hessian(system: System, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]) -> Solution:
     """The Solution for the impulses `balanced` + `applied`, and for forces on every bundle.
 
     balanced: impulses that G x balances. applied: those that forces balance. Both have the same x, but for rounding
     errors.
     """
-    if scene.coupled is not None:
-        return _solve_with_mimics(scene, scene.coupled, G, balanced, applied, forces)
-    world, terms = scene.world, scene.terms
+    if system.coupled is not None:
+        return _solve_with_mimics(system, system.coupled, G, balanced, applied, forces)
+    world, terms = system.world, system.terms
     zero = world.state.zero_vector
     nothing = ArticulatedBody(articulated.none(zero[0]), world.no_wrench)
-    stiff = world.on_bundles([part for t, g in zip(terms, G, strict=True) for part in t.inertia(g)], nothing.P)
-    pushed = wrenches(scene, applied)
-    touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(stiff, pushed, forces, strict=True)]
-    at_joints = [world.by_bundle(_at_joints(scene, x)) for x in (balanced, G)]
+    inertias = world.on_bundles([part for t, g in zip(terms, G, strict=True) for part in t.inertia(g)], nothing.P)
+    pushed = wrenches_on_bodies(system, applied)
+    touched = [ArticulatedBody(P, -(F + more.on_bodies)) for P, F, more in zip(inertias, pushed, forces, strict=True)]
+    impulses_and_G = [world.by_bundle(_on_single_velocities(system, x)) for x in (balanced, G)]
     on_joints = [more.on_joints for more in forces]
-    if (tau := forces_on_joints(scene, applied)) is not None:
+    if (tau := forces_on_joints(system, applied)) is not None:
         both = zip(on_joints, world.by_bundle(tau), strict=True)
         on_joints = [tuple(map(operator.add, *x)) for x in both]
-    links = list(zip(world.bodies, touched, on_joints, *at_joints, strict=True))
+    links = list(zip(world.bodies, touched, on_joints, *impulses_and_G, strict=True))
     eliminated = recursion.inward(world.state, _eliminate, nothing, links)
     both = [(body.S, body.r, e) for body, e in zip(world.bodies, eliminated, strict=True)]
     found = recursion.outward(world.state, _accelerate, world.at_rest, both)
-    found, remainders = _with_terms_between(scene, G, balanced, applied, eliminated, found)
-    x, motions, at_joints = ([y[k] for y in found] for k in range(3))
+    found, remainders = _with_terms_between(system, G, balanced, applied, eliminated, found)
     for k, term in enumerate(terms):
-        if (rows := term.joint_velocities()) is not None:
-            by_velocity = world.state.numbers_by_velocity(at_joints)
-            remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), by_velocity)
-    return Solution(world.state.numbers_by_velocity(x), motions, remainders)
+        if (rows := term.single_velocities()) is not None:
+            left = world.state.numbers_by_velocity([d.left for d in found])
+            remainders[k] = stacking.mapped(lambda w, rows=rows: stacking.rows(w, rows), left)
+    return Solution(world.state.numbers_by_velocity([d.x for d in found]), [d.motion for d in found], remainders)
 
 
-def _at_joints(scene: Scene, numbers: ByTerm) -> Number | None:
-    """Numbers (nv, B) of terms on single velocities; None without such terms."""
-    both = [(term.joint_velocities(), x) for term, x in zip(scene.terms, numbers, strict=True)]
-    found = [scene.world.at_velocities(x, rows) for rows, x in both if rows is not None]
+def _on_single_velocities(system: System, numbers: ByTerm) -> Number | None:
+    """Numbers (nv, B) of the terms that act on single velocities; None without such terms."""
+    both = [(term.single_velocities(), x) for term, x in zip(system.terms, numbers, strict=True)]
+    found = [system.world.at_velocities(x, rows) for rows, x in both if rows is not None]
     return functools.reduce(operator.add, found) if found else None
+
+
+class Direction(NamedTuple):
+    """What is found of the bodies of a bundle. x: the velocities of their joints. motion: that of the bodies. left: the
+    part of the impulses on single velocities of the joints that G x does not balance."""
+
+    x: Numbers
+    motion: Motion
+    left: Numbers
 
 
 class VelocityElimination(NamedTuple):
@@ -154,8 +163,8 @@ def _eliminate(link, children: ArticulatedBody) -> tuple[list[VelocityEliminatio
     return eliminated, ArticulatedBody(articulated.shifted(P, -body.r), algebra.shifted_wrench(Z, -body.r))
 
 
-def _accelerate(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Motion]:
-    """((velocities, the motion of the body, what is left of the impulses of the joint), the motion)."""
+def _accelerate(link, parent: Motion) -> tuple[Direction, Motion]:
+    """(the Direction of a body, its motion)."""
     S, r, eliminated = link
     A, found = algebra.shifted_motion(parent, r), list[tuple[Number, Number]]()
     for s, (whole, D, u) in zip(reversed(S), reversed(eliminated), strict=True):
@@ -165,15 +174,20 @@ def _accelerate(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], 
         found.append((x, left))
         A = after
     x, left = zip(*reversed(found), strict=True) if found else ((), ())
-    return (x, A, left), A
+    return Direction(x, A, left), A
 
 
 # -- terms between bodies ---------------------------------------------------------------------------------------------
 
 
 def _with_terms_between(
-    scene: Scene, G: ByTerm, balanced: ByTerm, applied: ByTerm, eliminated: list, found: list
-) -> tuple[list, list[Number | None]]:
+    system: System,
+    G: ByTerm,
+    balanced: ByTerm,
+    applied: ByTerm,
+    eliminated: list[list[VelocityElimination]],
+    found: list[Direction],
+) -> tuple[list[Direction], list[Number | None]]:
     """(what `_accelerate` found, corrected for terms between bodies; what is left of the impulses of these).
 
     found: x', without the G of these terms and without the impulses that G x balances. With H' all else of H,
@@ -184,18 +198,18 @@ def _with_terms_between(
     Impulses of open closures are large, and what is left of them is small: so they are never applied as a whole.
     [Golub and Van Loan 2013, 2.1.4]
     """
-    world, terms, remainders = scene.world, scene.terms, list[Any]([None] * len(scene.terms))
+    world, terms, remainders = system.world, system.terms, list[Any]([None] * len(system.terms))
     by_term = [term.columns(world, g) for term, g in zip(terms, G, strict=True)]
     columns = _side_by_side(world, [part for own in by_term for part in own])
     if columns is None:
         return found, remainders
     state, n, k = world.state, world.state.n, len(columns.b)
     # Of Y, columns are states beside each other.
-    Y = _columns_of_Y(scene, G, columns, eliminated)
-    through = _rates(world.of_states(n * k), tiled(columns, n, k), Y)
+    Y = _columns_of_Y(system, G, columns, eliminated)
+    through = _column_velocities(world.of_states(n * k), tiled(columns, n, k), Y)
     M, on_diagonal = stacking.mapped(lambda w: jnp.broadcast_to(w, (k, k * n)).reshape((k, k, n)), through), np.eye(k)
     M = where(jnp.broadcast_to(on_diagonal.astype(bool)[:, :, None], (k, k, n)), M + 1.0, M)
-    lacking = stacking.spread(-_rates(world, columns, found), (k, n))
+    right = stacking.spread(-_column_velocities(world, columns, found), (k, n))
     # The columns of each stiff term.
     ends = np.cumsum([0, *(sum(len(part.b) for part in own) for own in by_term)]).tolist()
     places = {i: ends[i : i + 2] for i, t in enumerate(terms) if t.is_stiff and ends[i] < ends[i + 1]}
@@ -206,15 +220,15 @@ def _with_terms_between(
         each = [stacking.spread(given[i], (b - a, n)) for i, (a, b) in places.items()]
         rows, in_order = np.full(k, k), np.concatenate([np.arange(a, b) for a, b in places.values()])
         rows[in_order] = np.arange(len(in_order))
-        lacking = lacking + stacking.mapped(lambda w: with_zero_rows(w, rows), stacking.concatenated(each))
-    s = matrices.inverse_times(M, lacking)
-    summed = list[Any]()
-    for (x, _, left), (columns_x, _, columns_left) in zip(found, Y, strict=True):
-        own = x, left
+        right = right + stacking.mapped(lambda w: with_zero_rows(w, rows), stacking.concatenated(each))
+    s = matrices.inverse_times(M, right)
+    summed = list[tuple[Numbers, Numbers]]()
+    for d, columns_of_d in zip(found, Y, strict=True):
+        own = d.x, d.left
         for i in range(k):
             share, here = stacking.mapped(lambda w, i=i: w[i], s), slice(i * n, (i + 1) * n)
             column = stacking.mapped(
-                lambda w, here=here: w[..., here] if w.shape[-1] == n * k else w, (columns_x, columns_left)
+                lambda w, here=here: w[..., here] if w.shape[-1] == n * k else w, (columns_of_d.x, columns_of_d.left)
             )
             own = jax.tree.map(lambda a, b, s=share: a + s * b, own, column, is_leaf=is_number)
         summed.append(own)
@@ -223,12 +237,14 @@ def _with_terms_between(
     for i, (a, b) in places.items():
         left = stacking.mapped(lambda w, a=a, b=b: w[a:b], s) / roots[i]
         remainders[i] = left if applied[i] is None else left + applied[i]
-    return [(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
+    return [Direction(x, V, left) for (x, left), V in zip(summed, motions, strict=True)], remainders
 
 
-def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -> list:
+def _columns_of_Y(
+    system: System, G: ByTerm, columns: Columns, eliminated: list[list[VelocityElimination]]
+) -> list[Direction]:
     """Y = H'^-1 J^T L, as `_accelerate` finds a direction: of k columns side by side, in k times as many states."""
-    world, n, k = scene.world, scene.world.state.n, len(columns.b)
+    world, n, k = system.world, system.world.state.n, len(columns.b)
     wide, own = world.of_states(n * k), np.eye(k, dtype=bool)[:, :, None]
 
     def in_own_column(w: jax.Array) -> jax.Array:
@@ -242,21 +258,21 @@ def _columns_of_Y(scene: Scene, G: ByTerm, columns: Columns, eliminated: list) -
         by_velocity = stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1).reshape((-1, k * n)), columns.on_joints)
         on_joints = wide.by_bundle(by_velocity)
     factors = [(b.S, b.r, [x.whole[:2] for x in e]) for b, e in zip(world.bodies, eliminated, strict=True)]
-    factors, stiffer = tiled((factors, world.by_bundle(_at_joints(scene, G))), n, k)
+    factors, G_on_joints = tiled((factors, world.by_bundle(_on_single_velocities(system, G))), n, k)
     links = list(zip(factors, wide.on_bundles(parts, world.no_wrench), on_joints, strict=True))
     returned = recursion.inward(wide.state, _to_parent, world.no_wrench, links)
-    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, stiffer, strict=True)]
+    both = [(S, r, e, g) for (S, r, _), e, g in zip(factors, returned, G_on_joints, strict=True)]
     return recursion.outward(wide.state, _follow, world.at_rest, both)
 
 
-def _rates(world: World, columns: Columns, results: list) -> Number:
-    """Columns . (velocities and motions), as `_accelerate` finds them, (k, B)."""
-    motions = [x[1] for x in results]
+def _column_velocities(world: World, columns: Columns, found: list[Direction]) -> Number:
+    """Columns . (velocities and motions), (k, B)."""
+    motions = [d.motion for d in found]
     V_b, V_a = (world.of_bodies(bodies, motions) for bodies in (columns.b, columns.a))
     of_bodies = algebra.power(columns.on_b, V_b) + algebra.power(columns.on_a, V_a)
     if columns.on_joints is None:
         return of_bodies
-    x = stacking.mapped(lambda w: w[:, None], world.state.numbers_by_velocity([x[0] for x in results]))
+    x = stacking.mapped(lambda w: w[:, None], world.state.numbers_by_velocity([d.x for d in found]))
     return of_bodies + stacking.pairwise_sum(stacking.mapped(lambda w: jnp.swapaxes(w, 0, 1), columns.on_joints) * x)
 
 
@@ -285,47 +301,47 @@ def _to_parent(body, children: Wrench) -> tuple[list[Elimination], Wrench]:
     return eliminated, algebra.shifted_wrench(Z, -r)
 
 
-def _follow(link, parent: Motion) -> tuple[tuple[Numbers, Motion, Numbers], Motion]:
+def _follow(link, parent: Motion) -> tuple[Direction, Motion]:
     """`_accelerate`, where joints have no impulses."""
     S, r, eliminated, G = link
     x, A = with_velocities(algebra.shifted_motion(parent, r), S, eliminated)
-    return (x, A, tuple(-g * y for g, y in zip(G, x, strict=True))), A
+    return Direction(x, A, tuple(-g * y for g, y in zip(G, x, strict=True))), A
 
 
 # -- mechanisms with mimics -------------------------------------------------------------------------------------------
 
 
 def _solve_with_mimics(
-    scene: Scene, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]
+    system: System, coupled: Coupled, G: ByTerm, balanced: ByTerm, applied: ByTerm, forces: list[Forces]
 ) -> Solution:
-    """`solve_hessian` by elimination: of x, and of what is left of the impulses of stiff terms, y.
+    """`solve_hessian` by elimination: of x, and of what is left of the impulses of stiff terms, z.
 
-        (A + J_c^T G_c J_c) x - J^T y = J_c^T impulse_c + J^T applied + forces        G J x + y = balanced
+        (A + J_c^T G_c J_c) x - J^T z = J_c^T impulse_c + J^T applied + forces        G J x + z = balanced
 
-    with J_c of the other terms. y is no difference of large numbers. y + applied is left.
+    with J_c of the other terms. z is no difference of large numbers. z + applied is left.
     """
-    world, n, nv, H = scene.world, scene.world.state.n, scene.world.state.topology.nv, coupled.A
+    world, n, nv, H = system.world, system.world.state.n, system.world.state.topology.nv, coupled.A
     right = world.generalized(forces)
-    each = list[Any](zip(scene.terms, coupled.J, G, balanced, applied, strict=True))
-    for term, J, _, _, own in (x for x in each if x[0].is_stiff and x[4] is not None):
-        on_velocities = stacking.mapped(lambda w: w[:, None], stacking.spread(own, (term.count, n))) * J
-        right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
-    for term, J, g, _, own in (x for x in each if not x[0].is_stiff):
+    each = list[Any](zip(system.terms, coupled.J, G, balanced, applied, strict=True))
+    stiff, others = ([x for x in each if x[0].is_stiff is flag] for flag in (True, False))
+    for term, J, _, _, own in stiff:
+        if own is not None:
+            on_velocities = stacking.mapped(lambda w: w[:, None], stacking.spread(own, (term.count, n))) * J
+            right = right + stacking.pairwise_sum(stacking.spread(on_velocities, (term.count, nv, n)))
+    for term, J, g, _, own in others:
         m = term.count
-        at, g, own = stacking.mapped(lambda w: w[:, None], (term, g, own))
+        wide_term, g, own = stacking.mapped(lambda w: w[:, None], (term, g, own))
         rows, columns = (
             stacking.mapped(lambda w: w[:, :, None], J),
-            stacking.mapped(lambda w: w[:, None], at.times_G(g, J)),
+            stacking.mapped(lambda w: w[:, None], wide_term.times_G(g, J)),
         )
-        stiff, pushed = at.product(rows, columns), at.product(J, own)
-        H = H + stacking.pairwise_sum(stacking.spread(stiff, (m, nv, nv, n)))
+        J_G_J, pushed = wide_term.product(rows, columns), wide_term.product(J, own)
+        H = H + stacking.pairwise_sum(stacking.spread(J_G_J, (m, nv, nv, n)))
         right = right + stacking.pairwise_sum(stacking.spread(pushed, (m, nv, n)))
-    stiff_terms = [x for x in each if x[0].is_stiff]
-    if stiff_terms:
-        stiffness, given = (
-            stacking.concatenated([stacking.spread(own[k], (own[0].count, n)) for own in stiff_terms]) for k in (2, 3)
-        )
-        H = _bordered(H, stacking.concatenated([x[1] for x in stiff_terms]), stiffness)
+    if stiff:
+        G_stiff = stacking.concatenated([stacking.spread(g, (term.count, n)) for term, _, g, _, _ in stiff])
+        given = stacking.concatenated([stacking.spread(own, (term.count, n)) for term, _, _, own, _ in stiff])
+        H = _bordered(H, stacking.concatenated([J for _, J, _, _, _ in stiff]), G_stiff)
         right = stacking.concatenated([right, given])
     found, remainders, first = matrices.inverse_times(H, right), list[Number | None](), nv
     for term, _, _, _, own in each:

@@ -21,27 +21,26 @@ from jaxspatial.numerics.quantity import tree_of
 LIMIT_STIFFNESS, LIMIT_WINDOW = 1e12, 2.0
 
 
-def limited_rows(topology: Topology, fields: Mapping[str, Any]) -> np.ndarray:
-    """The velocities (m,) on which limits or dry friction may act. fields: numbers of the mechanism, by name.
-
-    Limits act on joints of one coordinate, whose rate is their velocity.
-    """
-    rows = list[int]()
+def _limited_velocities(topology: Topology, fields: Mapping[str, Any]) -> tuple[list[int], list[int]]:
+    """The m velocities on which limits or dry friction may act, and the joint of each. fields: of the mechanism."""
+    velocities, joints = list[int](), list[int]()
     for i in (i for i in range(len(topology)) if not topology.is_mimic(i)):
         own = topology.v_slice(i)
-        if _has_limits(topology, fields, i) or not _is_known(fields["friction_loss"], own, 0):
-            rows += range(own.start, own.stop)
-    return np.array(rows, int)
+        if _has_limits(topology, fields, i) or not _is_known_to_be(fields["friction_loss"], own, 0):
+            velocities += range(own.start, own.stop)
+            joints += [i] * (own.stop - own.start)
+    return velocities, joints
 
 
 def _has_limits(topology: Topology, fields: Mapping[str, Any], i: int) -> bool:
+    """Whether limits may act on joint i: on one of one coordinate, whose rate is its velocity."""
     kind, places = topology.kind(i), topology.q_slice(i)
     is_simple = kind.nq == kind.nv == 1 and not kind.rates_need_angles
-    unlimited = (_is_known(fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
+    unlimited = (_is_known_to_be(fields[k], places, x) for k, x in (("lower", -np.inf), ("upper", np.inf)))
     return is_simple and not all(unlimited)
 
 
-def _is_known(x: Array, places: slice, number: float) -> bool:
+def _is_known_to_be(x: Array, places: slice, number: float) -> bool:
     return isinstance(x, np.ndarray) and bool((x[places] == number).all())
 
 
@@ -49,51 +48,52 @@ def _is_known(x: Array, places: slice, number: float) -> bool:
 class JointData(TermData):
     """Limits and dry friction of joints: all of it stands in the fields of the mechanism."""
 
-    def term(self, world: World, step: StepData) -> "Joints":
-        """The Joints of all states."""
+    def to_term(self, world: World, step: StepData) -> "Joints":
         state, dt = world.state, world.dt
-        t, fields, rows = state.topology, state.fields, limited_rows(state.topology, state.fields)
-        body = {v: i for i in range(len(t)) if not t.is_mimic(i) for v in range(t.v_slice(i).start, t.v_slice(i).stop)}
-        has_limits = np.array([_has_limits(t, fields, body[v]) for v in rows])
-        q_rows = np.array([t.q_starts[body[v]] for v in rows])
-        of_lower, of_upper = (stacking.rows(fields[x], q_rows) for x in ("lower", "upper"))
-        q, lower, upper = (scalars(state, x) for x in (stacking.rows(state.q, q_rows), of_lower, of_upper))
+        topology, fields = state.topology, state.fields
+        velocities, joints = _limited_velocities(topology, fields)
+        rows, q_rows = np.array(velocities), np.array([topology.q_starts[i] for i in joints])
+        has_limits = np.array([_has_limits(topology, fields, i) for i in joints])
+        lower_array, upper_array = (stacking.rows(fields[x], q_rows) for x in ("lower", "upper"))
+        q, lower, upper = (scalars(state, x) for x in (stacking.rows(state.q, q_rows), lower_array, upper_array))
         friction = scalars(state, stacking.rows(fields["friction_loss"], rows))
-        before, change = world.numbers(step.v0, step.y_free)
-        free = before + change
-        fastest = where(high(abs(before)) > high(abs(free)), abs(before), abs(free))
-        w, fastest = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, fastest))
-        held = are_equal(lower, upper, of_lower, of_upper)
-        held = None if held is None else held & has_limits[:, None]
-        limit = Limit.of(q - lower, upper - q, w, fastest, dt, has_limits[:, None], held)
-        return Joints(tuple(rows.tolist()), limit, friction * dt, STICKING * w)
+        v0, y_free = world.velocity_numbers(step.v0, step.y_free)
+        v_free = v0 + y_free
+        speed = where(high(abs(v0)) > high(abs(v_free)), abs(v0), abs(v_free))
+        w, speed = (stacking.mapped(lambda x: stacking.rows(x, rows), y) for y in (1 / world.diagonal, speed))
+        is_equal = are_equal(lower, upper, lower_array, upper_array)
+        is_equal = None if is_equal is None else is_equal & has_limits[:, None]
+        limit = Limit.of(q - lower, upper - q, w, speed, dt, has_limits[:, None], is_equal)
+        return Joints(tuple(velocities), limit, friction * dt, STICKING * w)
 
 
-def joint_data(mechanism: Mechanism, _) -> JointData | None:
+def joint_data(mechanism: Mechanism, _: np.dtype) -> JointData | None:
     """The JointData of a mechanism in which limits or dry friction may act; None for another."""
-    return JointData() if len(limited_rows(mechanism.topology, vars(mechanism))) else None
+    return JointData() if _limited_velocities(mechanism.topology, vars(mechanism))[0] else None
 
 
-def are_equal(lower: Number, upper: Number, of_lower: Array, of_upper: Array) -> Mask | None:
+def are_equal(lower: Number, upper: Number, lower_array: Array, upper_array: Array) -> Mask | None:
     """Which of m limits are equal, (m, B); None where it is known that none is. Given as numbers, and as arrays."""
-    if isinstance(of_lower, np.ndarray) and isinstance(of_upper, np.ndarray):
-        same = of_lower == of_upper
+    if isinstance(lower_array, np.ndarray) and isinstance(upper_array, np.ndarray):
+        same = lower_array == upper_array
         return jnp.asarray(same[:, None]) if same.any() else None
     return high(lower) == high(upper)
 
 
 class Limit(NamedTuple):
-    """How m numbers are held between limits, as numbers (m, B). lower, upper: how fast, at most, a number may approach
-    a limit. near_lower, near_upper: whether a limit is near, and may act. R: how much an impulse changes the velocity.
-    held: of equal limits; the lower one then pushes and pulls. None for none.
+    """How m numbers are held between limits, as numbers (m, B).
+
+    fastest_down, fastest_up: how fast, at most, a number may approach a limit. near_lower, near_upper: whether a limit
+    is near, and may act. R: how much an impulse changes the velocity. is_equal: whether the two limits are equal, of
+    which the lower one then pushes and pulls; None for none.
     """
 
-    lower: Number
-    upper: Number
+    fastest_down: Number
+    fastest_up: Number
     near_lower: Mask
     near_upper: Mask
     R: Number
-    held: Mask | None
+    is_equal: Mask | None
 
     @classmethod
     def of(
@@ -101,21 +101,21 @@ class Limit(NamedTuple):
         below: Number,
         above: Number,
         w: Number,
-        fastest: Number,
+        speed: Number,
         dt: Number,
         may_act: np.ndarray | bool = True,
-        held: Mask | None = None,
+        is_equal: Mask | None = None,
     ) -> Self:
-        """From the distances to the lower and the upper limit, the size w of the Delassus operator, and velocities."""
+        """From the distances to the lower and the upper limit, the size w of the Delassus operator, and the speed."""
         compliant, rigid = 1 / (2 * LIMIT_STIFFNESS * (dt * dt)), NEAR_RIGID_LIMIT * w
         R = where(high(rigid) > high(compliant), rigid, compliant)
-        window = LIMIT_WINDOW * dt * fastest
+        window = LIMIT_WINDOW * dt * speed
         # NaN is near, and becomes the impulse.
         near_lower, near_upper = (~(high(gap) >= high(window)) & may_act for gap in (below, above))
-        if held is not None:
-            near_lower, near_upper = near_lower | held, near_upper & ~held
-        lower, upper = (where(near, gap, 0.0) / (2 * dt) for near, gap in ((near_lower, below), (near_upper, above)))
-        return cls(lower, upper, near_lower, near_upper, R, held)
+        if is_equal is not None:
+            near_lower, near_upper = near_lower | is_equal, near_upper & ~is_equal
+        down, up = (where(near, gap, 0.0) / (2 * dt) for near, gap in ((near_lower, below), (near_upper, above)))
+        return cls(down, up, near_lower, near_upper, R, is_equal)
 
 
 class Limited(Rows):
@@ -125,13 +125,13 @@ class Limited(Rows):
 
     def law(self, u: Number, held: Mask | None = None) -> tuple[Number, Number]:
         at, zero = self.limit, constant(u, 0)
-        down, up = (-at.lower - u) / at.R, (u - at.upper) / at.R
+        down, up = (-at.fastest_down - u) / at.R, (u - at.fastest_up) / at.R
         is_down, is_up = at.near_lower & ~(high(down) <= 0), at.near_upper & ~(high(up) <= 0)
-        is_down = is_down if at.held is None else is_down | at.held
+        is_down = is_down if at.is_equal is None else is_down | at.is_equal
         return where(is_down, down, zero) - where(is_up, up, zero), where(is_down | is_up, 1 / at.R, zero)
 
     def magnitude(self, u: Number) -> Number:
-        return abs(u) + abs(self.limit.lower) + abs(self.limit.upper)
+        return abs(u) + abs(self.limit.fastest_down) + abs(self.limit.fastest_up)
 
     def acts(self) -> jax.Array:
         return self.limit.near_lower | self.limit.near_upper
@@ -164,7 +164,7 @@ class Joints(Limited):
     def acts(self) -> jax.Array:
         return super().acts() | ~(high(self.friction) <= 0)
 
-    def joint_velocities(self) -> np.ndarray:
+    def single_velocities(self) -> np.ndarray:
         return np.array(self.places)
 
     def velocities(self, world: World, motions: list[Motion], v: Number) -> Number:

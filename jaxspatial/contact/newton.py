@@ -1,6 +1,7 @@
 """Newton's method for the convex problem of a step, whatever its terms are.
 
-With y = v - v0 the change of the velocities, y* = v* - v0 that without contact, and y = (1 - r) y* + x, the gradient is
+With y = v - v0 the change of the velocities, y* = v* - v0 that without impulses, and y = (1 - r) y* + x, the gradient
+is
 
     g = A (x - r y*) - sum J_i^T gamma_i,               r = 1, x = 0 at first
 
@@ -9,8 +10,8 @@ a along it is r -> (1 - a) r, x -> x + a e. A x is summed from the momenta of bo
 the pass that finds e: rounding errors of one direction are corrected by the next. A line search sees nothing but the
 velocities of terms. [Castro, Permenter, Han 2022, 4]
 
-The first direction is that of a linear problem: contacts that push at v0, or without contact, stick, even against a
-pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
+The first direction is that of a linear problem: contacts that push at the velocities v0, or at y*, stick, even against
+a pull and outside of the cone of friction. Its whole step is taken. Most often feet do stick, and the iteration ends; a
 search from v0 would stop at the kink of each foot.
 """
 
@@ -24,7 +25,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.contact.hessian import ByTerm, Scene, forces_on_joints, scene_of, solve_hessian, wrenches
+from jaxspatial.contact.hessian import ByTerm, System, forces_on_joints, solve_hessian, system_of, wrenches_on_bodies
 from jaxspatial.contact.term import StepData, Term
 from jaxspatial.contact.world import Forces
 from jaxspatial.dynamics.external_forces import loads
@@ -44,7 +45,7 @@ TOLERANCES = {4: 2e-6, 8: 1e-10}
 MOST_ITERATIONS, MOST_TRIALS = 60, 20
 # A line search stops where the slope is this share of the first one; it tries no step longer than this.
 SLOPE, LONGEST = 0.1, 1.5
-# Rounding errors of a derivative along a direction, in eps of the sum of the sizes of its terms.
+# Rounding errors of a derivative along a direction, in eps of the sum of the sizes of its summands.
 NOISE = 8
 # Rounding errors of velocities, in eps of the sizes of what they are sums of; and those of momenta.
 OF_VELOCITIES, OF_MOMENTA = 0.25, 4.0
@@ -66,18 +67,18 @@ def _sum_of(parts: Iterable[Number]) -> Number:
     return stacking.mapped(lambda w: w[None], functools.reduce(operator.add, map(stacking.pairwise_sum, parts)))
 
 
-def _velocities(scene: Scene, motions: list[Motion], v: Number) -> tuple[Any, ...]:
+def _velocities(system: System, motions: list[Motion], v: Number) -> ByTerm:
     """J v of all terms."""
-    return tuple(term.each(lambda own: own.velocities(scene.world, motions, v)) for term in scene.terms)
+    return tuple(term.each(lambda own: own.velocities(system.world, motions, v)) for term in system.terms)
 
 
 # -- programs ---------------------------------------------------------------------------------------------------------
 
 
 class Free(NamedTuple):
-    """y*: the velocities of terms that it makes, and y* . A y*."""
+    """Of y*: J y* of each term, and y* . A y*."""
 
-    u: tuple[Any, ...]
+    u_y: ByTerm
     energy: Number
 
 
@@ -96,14 +97,14 @@ class Iterate(NamedTuple):
 
     x: Number
     motions: list[Motion]
-    u: tuple[Any, ...]
+    u: ByTerm
     scalars: Scalars
 
 
 class Constants(NamedTuple):
     """What all iterations read. smallest: the square of the gradient at which they end. held: see `Term`."""
 
-    scene: Scene
+    system: System
     free: Free
     smallest: Number
     held: tuple[Mask, ...]
@@ -111,16 +112,16 @@ class Constants(NamedTuple):
 
 @algorithm(*FIELDS)
 def solve(state: MechanismState, step: StepData):
-    """(y, iterations): the change of the velocities from `v0`, that without contact being `y_free`.
+    """(y, iterations): the change of the velocities from `v0`, with y* = `y_free`.
 
     Where nothing acts there are no iterations, and y is `y_free`.
     """
-    scene = scene_of(state, step)
-    world, terms = scene.world, scene.terms
-    still, free = world.numbers(step.v0, step.y_free)
-    motions = world.motions(still, free)
-    u, u_free = (_velocities(scene, V, x) for V, x in zip(motions, (still, free), strict=True))
-    energy_before, energy = (world.twice_energy(V, x) for V, x in zip(motions, (still, free), strict=True))
+    system = system_of(state, step)
+    world, terms = system.world, system.terms
+    v0, y_free = world.velocity_numbers(step.v0, step.y_free)
+    motions = world.motions(v0, y_free)
+    u, u_y = (_velocities(system, V, x) for V, x in zip(motions, (v0, y_free), strict=True))
+    energy_v0, energy = (world.twice_energy(V, x) for V, x in zip(motions, (v0, y_free), strict=True))
     # One row for each velocity, also where all are the same.
     u = tuple(
         jax.tree.map(lambda x, m=term.count: as_data(x, (m, state.n)), own, is_leaf=is_number)
@@ -128,10 +129,10 @@ def solve(state: MechanismState, step: StepData):
     )
     held = tuple(
         jnp.zeros((1, 1), bool) if any(x.throws for x in terms) else term.each(type(term).held, *own)
-        for term, *own in zip(terms, u, u_free, strict=True)
+        for term, *own in zip(terms, u, u_y, strict=True)
     )
-    smallest = (energy_before + energy) * TOLERANCES[state.dtype.itemsize] ** 2
-    constants = Constants(scene, Free(u_free, energy), smallest, held)
+    smallest = (energy_v0 + energy) * TOLERANCES[state.dtype.itemsize] ** 2
+    constants = Constants(system, Free(u_y, energy), smallest, held)
 
     zero = state.known(0.0)
     zeros = [as_data(zero, (*b.bodies.shape, state.n)) for b in state.bundles]
@@ -139,7 +140,7 @@ def solve(state: MechanismState, step: StepData):
     nothing, one = (as_data(state.known(x), (1, state.n)) for x in (0.0, 1.0))
     x = as_data(zero, (state.topology.nv, state.n))
     start = Iterate(x, at_rest, u, Scalars(nothing, one, nothing, nothing))
-    acts_at_all = _anything_acts(scene)
+    acts_at_all = _anything_acts(system)
 
     def iterate(carry):
         data, is_done, count, k = carry
@@ -149,7 +150,7 @@ def solve(state: MechanismState, step: StepData):
     at_first = data_of(start), ~acts_at_all, jnp.zeros((1, state.n), np.int32), np.int32(0)
     data, _, count, _ = lax.while_loop(lambda x: (x[3] < MOST_ITERATIONS) & ~x[1].all(), iterate, at_first)
     last: Iterate = with_data(start, data)
-    found = world.turned((1 - last.scalars.lacking) * free + last.x, to_world=False)
+    found = world.turned((1 - last.scalars.lacking) * y_free + last.x, to_world=False)
     y = where(acts_at_all, found, state.numbers(step.y_free[:, None])[0])
     return high(y), count
 
@@ -157,27 +158,27 @@ def solve(state: MechanismState, step: StepData):
 @algorithm(*FIELDS, result_shape=velocity_shape)
 def solve_at(state: MechanismState, step: StepData, y: Array, force: Array):
     """H^-1 times a force, with H at the velocities `v0` + y."""
-    scene = scene_of(state, step)
-    _, impulses, G = _laws_at(scene, step, y)
-    x, _ = _times_inverse(scene, impulses, G, state.numbers(force[:, None])[0])
-    return high(scene.world.turned(x, to_world=False))
+    system = system_of(state, step)
+    _, impulses, G = _laws_at(system, step, y)
+    x, _ = _times_inverse(system, impulses, G, state.numbers(force[:, None])[0])
+    return high(system.world.turned(x, to_world=False))
 
 
-def _laws_at(scene: Scene, step: StepData, y: Array) -> tuple[tuple[Any, ...], ...]:
+def _laws_at(system: System, step: StepData, y: Array) -> tuple[ByTerm, ...]:
     """(velocities of terms at the velocities `v0` + y, the impulses and G there)."""
-    before, change = scene.world.numbers(step.v0, y)
-    after = before + change
-    u = _velocities(scene, scene.world.motions(after)[0], after)
-    return u, *_of_each(lambda term, own: term.law(own), scene.terms, u)
+    v0, change = system.world.velocity_numbers(step.v0, y)
+    v = v0 + change
+    u = _velocities(system, system.world.motions(v)[0], v)
+    return u, *_of_each(lambda term, own: term.law(own), system.terms, u)
 
 
-def _times_inverse(scene: Scene, impulses: ByTerm, G: ByTerm, force: Number) -> tuple[Number, list[Motion]]:
+def _times_inverse(system: System, impulses: ByTerm, G: ByTerm, force: Number) -> tuple[Number, list[Motion]]:
     """H^-1 times a force (nv, B), in world axes; and the Motions of bodies that have these velocities."""
-    world = scene.world
+    world = system.world
     right = world.turned(force, to_world=True)
     forces = [Forces(world.no_wrench, x) for x in world.by_bundle(right)]
     nothing = jax.tree.map(lambda x: constant(x, 0), impulses, is_leaf=is_number)
-    solution = solve_hessian(scene, G, *_balanced_and_applied(scene.terms, nothing), forces)
+    solution = solve_hessian(system, G, *_balanced_and_applied(system.terms, nothing), forces)
     return solution.x, solution.motions
 
 
@@ -193,59 +194,65 @@ def _balanced_and_applied(
     for k, (term, impulse) in enumerate(zip(terms, impulses, strict=True)):
         if not term.is_stiff:
             balanced[k], applied[k] = None, impulse
-        elif term.joint_velocities() is None and is_first is not None:
+        elif term.single_velocities() is None and is_first is not None:
             zero = constant(impulse, 0)
             balanced[k], applied[k] = where(is_first, impulse, zero), where(is_first, zero, impulse)
     return balanced, applied
 
 
-class Balance(NamedTuple):
-    """What Newton and Euler compare, as arrays: velocities and accelerations of joints, and the forces there."""
-
-    v: Array
-    vdot: Array
-    tau: Array
-    external_forces: Wrenches
-
-
 @algorithm(*FIELDS, result_shape=velocity_shape)
-def imbalance(state: MechanismState, step: StepData, y: Array, at: Balance):
-    """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of terms as forces."""
-    scene = scene_of(state, step)
-    _, impulses, _ = _laws_at(scene, step, y)
-    return high(_lacking(scene, impulses, step.v0, y, at))
+def imbalance(
+    state: MechanismState, step: StepData, y: Array, v: Array, vdot: Array, tau: Array, external_forces: Wrenches
+):
+    """The gradient of the cost at y = dt vdot: by Newton and Euler, with the impulses of terms as forces.
+
+    v: the velocities of joints at the start, along axes that turn; v0 is along axes that do not."""
+    system = system_of(state, step)
+    _, impulses, _ = _laws_at(system, step, y)
+    return high(_gradient(system, impulses, step.v0, y, v, vdot, tau, external_forces))
 
 
-def _lacking(scene: Scene, impulses: ByTerm, still: Array, y: Array, at: Balance) -> Number:
+def _gradient(
+    system: System,
+    impulses: ByTerm,
+    v0: Array,
+    y: Array,
+    v: Array,
+    vdot: Array,
+    tau: Array,
+    external_forces: Wrenches,
+) -> Number:
     """`imbalance` (nv, B)."""
-    world, state, dt = scene.world, scene.world.state, scene.world.dt
+    world, state, dt = system.world, system.world.state, system.world.dt
     body_loads = list[Any]()
-    for (tau, f, more), body, F in zip(
-        loads(state, at.external_forces), world.bodies, wrenches(scene, impulses), strict=True
+    for (torque, f, more), body, F in zip(
+        loads(state, external_forces), world.bodies, wrenches_on_bodies(system, impulses), strict=True
     ):
         own = Wrench(*(body.R.T @ (x / dt) for x in F))
-        body_loads.append((tau + own.tau, f + own.f, more))
-    forces = state.numbers_by_velocity(forces_of(state, at.v, at.vdot, body_loads, state.minus_gravity))
-    lacking = dt * (forces - state.numbers(at.tau[:, None])[0])
+        body_loads.append((torque + own.tau, f + own.f, more))
+    forces = state.numbers_by_velocity(forces_of(state, v, vdot, body_loads, state.minus_gravity))
+    gradient = dt * (forces - state.numbers(tau[:, None])[0])
     if not is_nothing(state.fields["damping"]):
-        before, change, c = (state.numbers(x[:, None])[0] for x in (still, y, state.fields["damping"]))
-        lacking = lacking + dt * (c * (before + change))
-    on_joints = forces_on_joints(scene, impulses)
-    return lacking if on_joints is None else lacking - on_joints
+        at_start, change, c = (state.numbers(x[:, None])[0] for x in (v0, y, state.fields["damping"]))
+        gradient = gradient + dt * (c * (at_start + change))
+    on_joints = forces_on_joints(system, impulses)
+    return gradient if on_joints is None else gradient - on_joints
 
 
 @algorithm(*FIELDS, result_shape=lambda *_: (1,))
-def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
+def residual(
+    state: MechanismState, step: StepData, y: Array, v: Array, vdot: Array, tau: Array, external_forces: Wrenches
+):
     """sqrt(g^T H^-1 g) at y = dt vdot, with g the `imbalance` and what rounding errors make of it, relative to the
     momenta, (1, B). 0 where nothing touches."""
-    scene = scene_of(state, step)
-    world, terms = scene.world, scene.terms
-    u, impulses, G = _laws_at(scene, step, y)
-    g = _lacking(scene, impulses, step.v0, y, at)
-    d, motions = _times_inverse(scene, impulses, G, g)
+    system = system_of(state, step)
+    world, terms = system.world, system.terms
+    u, impulses, G = _laws_at(system, step, y)
+    g = _gradient(system, impulses, step.v0, y, v, vdot, tau, external_forces)
+    d, motions = _times_inverse(system, impulses, G, g)
     squares = [
         term.product(u_d, term.times_G(own, u_d))
-        for term, own, u_d in zip(terms, G, _velocities(scene, motions, d), strict=True)
+        for term, own, u_d in zip(terms, G, _velocities(system, motions, d), strict=True)
     ]
     noise = [_rounding_of_velocities(*x) for x in zip(terms, u, G, strict=True)]
     left = world.twice_energy(motions, d) + _sum_of(squares) + _sum_of(noise)
@@ -253,26 +260,26 @@ def residual(state: MechanismState, step: StepData, y: Array, at: Balance):
         if term.rounding_share:
             total = _sum_of([term.rounding(own, u_own)])
             left = left + (term.rounding_share * check.eps(high(total).dtype)) ** 2 * total
-    fields = world.numbers(step.v0, step.y_free)
-    energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*fields), fields, strict=True))
+    both = world.velocity_numbers(step.v0, step.y_free)
+    energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*both), both, strict=True))
     scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * check.eps(state.dtype)) ** 2
-    acts_at_all = _anything_acts(scene)
+    acts_at_all = _anything_acts(system)
     share = jnp.where(acts_at_all, high(left), 0) / jnp.where(scale <= 0, 1, scale)
     return jnp.sqrt(share + jnp.where(acts_at_all, least, 0))
 
 
 @algorithm(*FIELDS, result_shape=lambda _, static: [(n,) for n in static["sizes"]])
-def impulses(state: MechanismState, step: StepData, y: Array, *, sizes: tuple[int, ...]):
+def returned_impulses(state: MechanismState, step: StepData, y: Array, *, sizes: tuple[int, ...]):
     """The impulses that terms return, (k, B) each, at the velocities `v0` + y. sizes: their k."""
-    scene = scene_of(state, step)
-    _, found, _ = _laws_at(scene, step, y)
-    return tuple(x for term, own in zip(scene.terms, found, strict=True) for x in term.results(state, own))
+    system = system_of(state, step)
+    _, found, _ = _laws_at(system, step, y)
+    return tuple(x for term, own in zip(system.terms, found, strict=True) for x in term.results(state, own))
 
 
-def _anything_acts(scene: Scene) -> jax.Array:
+def _anything_acts(system: System) -> jax.Array:
     """Whether any term acts at all, (1, B)."""
-    acts = (term.acts().any(0, keepdims=True) for term in scene.terms)
-    return functools.reduce(operator.or_, acts, jnp.zeros((1, scene.world.state.n), bool))
+    acts = (term.acts().any(0, keepdims=True) for term in system.terms)
+    return functools.reduce(operator.or_, acts, jnp.zeros((1, system.world.state.n), bool))
 
 
 # -- one iteration ----------------------------------------------------------------------------------------------------
@@ -306,34 +313,34 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
 
     The step of the first iteration, in which terms are held, is not searched.
     """
-    scene, free, smallest = constants.scene, constants.free, constants.smallest
-    world, terms, lacking = scene.world, scene.terms, at.scalars.lacking
+    system, free, smallest = constants.system, constants.free, constants.smallest
+    world, terms, lacking = system.world, system.terms, at.scalars.lacking
 
     # The direction e.
-    def pushed(term: Term, u, u_free, held: Mask):
+    def pushed(term: Term, u, u_y, held: Mask):
         """(impulse, G, the impulse of the right side of a direction)."""
         impulse, G = term.law(u, held & is_first)
-        return impulse, G, impulse - lacking * term.times_G(G, u_free)
+        return impulse, G, impulse - lacking * term.times_G(G, u_y)
 
-    impulse, G, right = _of_each(pushed, terms, at.u, free.u, constants.held)
+    impulse, G, right = _of_each(pushed, terms, at.u, free.u_y, constants.held)
     forces = jax.tree.map(operator.neg, world.momenta(at.motions, at.x), is_leaf=is_number)
-    e, motions, remainders = solve_hessian(scene, G, *_balanced_and_applied(terms, right, is_first), forces)
+    e, motions, remainders = solve_hessian(system, G, *_balanced_and_applied(terms, right, is_first), forces)
 
     # How far along it: d = r y* + e.
-    def along(term: Term, G, impulse, u_free) -> tuple[Any, Any, Products]:
+    def along(term: Term, G, impulse, u_y) -> tuple[Any, Any, Products]:
         """(the velocity along a direction, the impulse at the end of the direction if it were linear, Products)."""
-        u_d = term.velocities(world, motions, e) + lacking * u_free
+        u_d = term.velocities(world, motions, e) + lacking * u_y
         G_d = term.times_G(G, u_d)
         products = Products(
-            impulse_free=term.product(impulse, u_free),
-            free_G_d=term.product(u_free, G_d),
+            impulse_free=term.product(impulse, u_y),
+            free_G_d=term.product(u_y, G_d),
             impulse_d=term.product(impulse, u_d),
             d_G_d=term.product(u_d, G_d),
             noise=term.product(*(jax.tree.map(abs, x, is_leaf=is_number) for x in (impulse, u_d))),
         )
         return u_d, impulse - G_d, products
 
-    u_d, linear, products = _of_each(along, terms, G, impulse, free.u)
+    u_d, linear, products = _of_each(along, terms, G, impulse, free.u_y)
     sums, energy = Products(*map(_sum_of, zip(*products, strict=True))), world.twice_energy(motions, e)
     slopes, free_e, is_small = _slopes_and_size(at.scalars, free.energy, sums, energy, smallest, is_first)
     length = _searched(constants, at.u, u_d, slopes, is_small | is_done | is_first)
@@ -358,13 +365,13 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
         return u, term.bound(G, linear - impulse), _rounding_of_velocities(term, u, G)
 
     u, bounds, noise = _of_each(after, terms, at.u, u_d, linear)
-    x, moving = moved((at.x, at.motions), (e, motions))
+    x, motions = moved((at.x, at.motions), (e, motions))
     bound = where(high(length) == 1, _sum_of(bounds), np.inf)
     is_settled = high(bound) <= high(smallest)
     decrement = where(is_settled, bound, where(is_first, 0.0, slopes.decrement))
     new = Scalars(at.scalars.over_free + length * free_e, (1 - length) * lacking, decrement, _sum_of(noise))
     scalars = Scalars(*(where(is_done, x, y) for x, y in zip(at.scalars, new, strict=True)))
-    return Iterate(x, moving, u, scalars), is_small | is_settled
+    return Iterate(x, motions, u, scalars), is_small | is_settled
 
 
 def _rounding_of_velocities(term: Term, u, G) -> Number:
@@ -411,16 +418,16 @@ class Search(NamedTuple):
     rate: Number
 
 
-def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_good: jax.Array) -> Number:
+def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, slopes: Slopes, is_whole: jax.Array) -> Number:
     """The length (1, B) of a step at which the derivative of the cost along it is small, by safeguarded Newton.
 
-    u_d: the velocities of the direction. is_good: states for which a whole step is taken.
+    u_d: the velocities of the direction. is_whole: states for which a whole step is taken.
     """
-    state, terms = constants.scene.world.state, constants.scene.terms
-    goal = SLOPE * abs(along.decrement) + along.rounding
+    state, terms = constants.system.world.state, constants.system.terms
+    goal = SLOPE * abs(slopes.decrement) + slopes.rounding
     # The first length is 1, whose derivative is not known before the loop: it is evaluated in one place.
     low, one, up, unknown = (as_data(state.known(x), (1, state.n)) for x in (0.0, 1.0, LONGEST, np.inf))
-    start = Search(low, up, one, where(is_good, 0.0, unknown), one)
+    start = Search(low, up, one, where(is_whole, 0.0, unknown), one)
 
     def slope(term: Term, u, d, length: Number) -> tuple[Number, Number]:
         """(d . impulses, d . G d) at u + length d."""
@@ -430,7 +437,7 @@ def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_go
     def trial(carry):
         data, k = carry
         at: Search = with_data(start, data)
-        is_over = is_good | ~(high(abs(at.f)) > high(goal))
+        is_over = is_whole | ~(high(abs(at.f)) > high(goal))
         # The next length to try.
         is_short = high(at.f) < 0
         low, up = where(is_short, at.length, at.low), where(is_short, at.up, at.length)
@@ -440,8 +447,8 @@ def _searched(constants: Constants, u: ByTerm, u_d: ByTerm, along: Slopes, is_go
         stays = is_over | (k == 0)
         low, up, length = (where(stays, x, y) for x, y in zip(at[:3], after, strict=True))
         of_terms, rate = map(_sum_of, _of_each(slope, terms, u, u_d, length=length))
-        f = along.slope + length * along.curvature - of_terms
-        return data_of(Search(low, up, length, where(is_over, 0.0, f), along.curvature + rate)), k + 1
+        f = slopes.slope + length * slopes.curvature - of_terms
+        return data_of(Search(low, up, length, where(is_over, 0.0, f), slopes.curvature + rate)), k + 1
 
     data, _ = lax.while_loop(
         lambda x: (x[1] <= MOST_TRIALS) & (high(abs(with_data(start, x[0]).f)) > high(goal)).any(),

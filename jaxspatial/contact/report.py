@@ -6,20 +6,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.contact.explicit import (
+from jaxspatial.contact.geometry import (
     ContactGeometry,
     Ground,
+    Pairs,
     checked_pairs,
+    checked_spheres,
     contact_geometry,
-    point_motions,
+    pair_geometry,
 )
-from jaxspatial.contact.points import between, harmonic_mean
+from jaxspatial.contact.points import harmonic_mean
 from jaxspatial.dynamics.configuration import advance
 from jaxspatial.engine.algorithm import NO_ARRAY, checked
-from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
+from jaxspatial.mechanism import Mechanism, PointContacts
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
-from jaxspatial.numerics.linear import Vector, cross, dot
+from jaxspatial.numerics.linear import Vector, dot
 from jaxspatial.numerics.numbers import Numbers
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -65,7 +67,7 @@ def contact_report(
     contacts: PointContacts | None = None,
     ground: Ground | None = None,
     *,
-    pairs: tuple[PointContacts | ShapeContacts, PointContacts] | None = None,
+    pairs: Pairs | None = None,
     forces: SpatialForce | None = None,
     dt: ArrayLike | None = None,
     precision: PrecisionName = None,
@@ -117,23 +119,23 @@ def contact_report(
     if h is not None and mechanism.topology.turns_axes:
         # Turning back takes the angular velocity alone, which is the same along both axes.
         at_v = advance(precision, mechanism, at_q, at_v, -h[..., 0])[1]
-    parts, friction = list[ContactGeometry](), list[Any]()
+    parts, friction = list[ContactGeometry](), list[jax.Array]()
     if contacts is not None:
+        at_q, at_v, contacts, ground, _ = checked_spheres(what, mechanism, at_q, at_v, contacts, ground)
         parts.append(contact_geometry(what, mechanism, at_q, at_v, contacts, ground, precision))
-        friction.append(jnp.broadcast_to(check.narrowed(contacts).friction, parts[-1].depth.shape))
+        friction.append(jnp.broadcast_to(contacts.friction, parts[-1].depth.shape))
     pairs = None if pairs is None else checked_pairs(what, mechanism, at_q, pairs)
     if pairs is not None:
-        a, b = pairs
-        parts.append(_between(mechanism, at_q, at_v, a, b, precision))
-        friction.append(jnp.broadcast_to(harmonic_mean(a.friction, b.friction), parts[-1].depth.shape))
+        parts.append(pair_geometry(what, mechanism, at_q, at_v, pairs, precision))
+        friction.append(jnp.broadcast_to(harmonic_mean(*(x.friction for x in pairs)), parts[-1].depth.shape))
     if not parts:
         raise ValueError(f"{what}: expected contacts or pairs, got neither")
     batch = check.broadcast_shapes(*(x.depth.shape[:-1] for x in parts))
     centers, depths, normals, offsets, velocities = (
-        jnp.concatenate([_over(batch, x, is_number=k == 1) for x in each], -1 if k == 1 else -2)
-        for k, each in enumerate(zip(*parts, strict=True))
+        jnp.concatenate([jnp.broadcast_to(x, (*batch, *x.shape[axis:])) for x in each], axis)
+        for axis, each in zip((-2, -1, -2, -2, -2), zip(*parts, strict=True), strict=True)
     )
-    points, approach, slip = _moving(precision, centers, offsets, normals, velocities)
+    points, approach, slip = _point_and_speeds(precision, centers, offsets, normals, velocities)
     sticks = None
     if forces is not None:
         check.require_kind(forces, SpatialForce, f"{what}: forces")
@@ -146,32 +148,8 @@ def contact_report(
     return ContactReport(points, normals, depths, approach, slip, ~(depths < 0), sticks)
 
 
-def _over(batch: tuple[int, ...], x: jax.Array, is_number: bool) -> jax.Array:
-    return jnp.broadcast_to(x, (*batch, *x.shape[-1 if is_number else -2 :]))
-
-
-def _between(
-    mechanism: Mechanism,
-    q: jax.Array,
-    v: jax.Array,
-    a: PointContacts | ShapeContacts,
-    b: PointContacts,
-    precision: PrecisionName,
-) -> ContactGeometry:
-    """Of spheres that touch others, or shapes: that of b, with velocities for an observer on a."""
-    of_a, of_b = (point_motions("contact_report", mechanism, q, v, x, precision) for x in (a, b))
-    normal, distance, from_a, from_b = between(mechanism, q, a, b, precision)
-    velocity = _relative(precision, *of_a[1:], from_a, *of_b[1:], from_b)
-    return ContactGeometry(of_b[0], -distance, normal, from_b, velocity)
-
-
 @formula
-def _relative(w_a: Vector, v_a: Vector, from_a: Vector, w_b: Vector, v_b: Vector, from_b: Vector) -> Vector:
-    return v_b + cross(w_b, from_b) - (v_a + cross(w_a, from_a))
-
-
-@formula
-def _moving(center: Vector, offset: Vector, n: Vector, v: Vector) -> list[Any]:
+def _point_and_speeds(center: Vector, offset: Vector, n: Vector, v: Vector) -> list[Any]:
     """(the contact point, how fast surfaces approach, how fast they slide)."""
     along = dot(n, v)
     return [center + offset, -along, v - along * n]

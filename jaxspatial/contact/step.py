@@ -13,10 +13,11 @@ from jax import lax
 
 from jaxspatial.contact import newton
 from jaxspatial.contact.closures import are_of_one_body, checked_closures, closure_data, require_closable
-from jaxspatial.contact.explicit import (
+from jaxspatial.contact.geometry import (
     Ground,
-    bodies_of,
+    Pairs,
     calls_functions,
+    carriers,
     checked_contacts,
     checked_ground,
     checked_pairs,
@@ -27,9 +28,10 @@ from jaxspatial.contact.tendons import ball_data, tendon_data
 from jaxspatial.contact.term import StepData, TermData
 from jaxspatial.dynamics import steps
 from jaxspatial.dynamics.passive import is_nothing
-from jaxspatial.engine.algorithm import ExternalForces, checked
+from jaxspatial.engine.algorithm import ExternalForces, Wrenches, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
+from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
@@ -41,6 +43,7 @@ from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
 
 T = TypeVar("T")
+State = tuple[jax.Array, jax.Array, jax.Array]  # q, v, tau
 
 
 @exported
@@ -92,7 +95,7 @@ def convex_step(
     *,
     contacts: PointContacts | None = None,
     ground: Ground | None = None,
-    pairs: tuple[PointContacts | ShapeContacts, PointContacts] | None = None,
+    pairs: Pairs | None = None,
     loops: Iterable[LoopClosure] = (),
     precision: PrecisionName = None,
 ) -> ConvexStep:
@@ -179,19 +182,32 @@ def convex_step(
         >>> print(after.contact_forces.f)
         [[  0.6074   0.     312.5   ]]
     """
-    *state, h, forces = checked("convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
-    given = _checked(mechanism, state[0], contacts, ground, pairs, loops)
-    return _step(mechanism, state, h, dt, forces, given, precision)
+    at_q, at_v, at_tau, h, forces = checked(
+        "convex_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces
+    )
+    at, dtype = (at_q, at_v, at_tau), at_q.dtype
+    given = _checked(mechanism, at_q, contacts, ground, pairs, loops)
+    is_free = given.contacts is None and given.pairs is None and not given.movable(mechanism)
+    if not is_free or _of_mechanism(mechanism, dtype):
+        return _step(mechanism, at, h, forces, given, precision)
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (*at, h, *jax.tree.leaves(forces))), given.batch_shape)
+    next_q, next_v = steps.semi_implicit_step(mechanism, *at, dt, forces, precision=precision)
+    # Known zeros leave no operation behind.
+    zeros = check.numpy_for(batch).zeros
+    residual, iterations = cast(Any, (zeros(batch, dtype), zeros(batch, np.int32)))
+    wrenches = given.loop_wrenches(mechanism, None, batch, dtype)
+    return ConvexStep(next_q, next_v, None, wrenches, residual, iterations)
 
 
-class _Arguments(NamedTuple):
-    """What a caller passes, checked, and None or empty where there is nothing. distances: (*batch, 1) of closures."""
+class _ContactsAndLoops(NamedTuple):
+    """What acts on a mechanism beside its own limits, as a caller passes it, checked; None or empty where there is
+    nothing. distances: (*batch, 1) of closures."""
 
     contacts: PointContacts | None
     ground: Ground
-    pairs: tuple[PointContacts | ShapeContacts, PointContacts] | None
+    pairs: Pairs | None
     closures: tuple[LoopClosure, ...]
-    distances: Sequence[Any]
+    distances: Sequence[Array | None]
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
@@ -200,139 +216,143 @@ class _Arguments(NamedTuple):
         return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
     @property
-    def calls_functions(self) -> bool:
-        if calls_functions(self.ground):
-            return True
-        return any(isinstance(x, ShapeContacts) and x.shape.calls_functions for x in self.pairs or ())
+    def has_functions(self) -> bool:
+        """Whether a caller's function is a part of the ground or of a shape."""
+        of_pairs = (x.shape.calls_functions for x in self.pairs or () if isinstance(x, ShapeContacts))
+        return calls_functions(self.ground) or any(of_pairs)
 
-    def moved(self, mechanism: Mechanism) -> list[int]:
+    def movable(self, mechanism: Mechanism) -> list[int]:
         """The closures that something can move."""
         return [k for k, x in enumerate(self.closures) if not are_of_one_body(mechanism, x)]
 
-    def terms(self, mechanism: Mechanism, q: jax.Array, precision: PrecisionName) -> dict[str, TermData]:
-        """The terms that may act, by name."""
-        found, moved = dict[str, TermData](), self.moved(mechanism)
-        if (contacts := contact_data(mechanism, q, *self[:3], precision)) is not None:
+    def term_data(self, mechanism: Mechanism, q: jax.Array, precision: PrecisionName) -> dict[str, TermData]:
+        """The data of all terms that may act, by name, those of the mechanism among them."""
+        found, movable = dict[str, TermData](), self.movable(mechanism)
+        contacts = contact_data(mechanism, q, self.contacts, self.ground, self.pairs, precision)
+        if contacts is not None:
             found["contacts"] = contacts
         found |= _of_mechanism(mechanism, q.dtype)
-        if moved:
-            closures, distances = (tuple(x[k] for k in moved) for x in (self.closures, self.distances))
+        if movable:
+            closures, distances = tuple(self.closures[k] for k in movable), [self.distances[k] for k in movable]
             found["closures"] = closure_data(mechanism, q, closures, distances, precision)
         return found
 
-    def wrenches(
-        self, mechanism: Mechanism, of_moved: SpatialForce | None, batch: tuple[int, ...], dtype: np.dtype
+    def loop_wrenches(
+        self, mechanism: Mechanism, of_movable: SpatialForce | None, batch: tuple[int, ...], dtype: np.dtype
     ) -> SpatialForce | None:
         """Those of all closures: zero where nothing moves; None without closures."""
-        moved, n = self.moved(mechanism), len(self.closures)
-        if len(moved) == n:
-            return of_moved
+        movable, n = self.movable(mechanism), len(self.closures)
+        if len(movable) == n:
+            return of_movable
         zero = jnp.zeros((*batch, n, 3), dtype)
-        if of_moved is None:
+        if of_movable is None:
             return SpatialForce(zero, zero)
-        return SpatialForce(*(zero.at[..., np.array(moved), :].set(x) for x in (of_moved.tau, of_moved.f)))
+        return SpatialForce(*(zero.at[..., np.array(movable), :].set(x) for x in (of_movable.tau, of_movable.f)))
 
 
-# The terms that stand in a mechanism, by name: functions of the mechanism and of a dtype, None where nothing acts. A
-# new entry is read by the next program that is made. Rounding errors depend on the order.
-OF_MECHANISM: dict[str, Callable[[Mechanism, Any], TermData | None]] = {
+# The data of terms that stand in a mechanism, by name: functions of the mechanism and of a dtype, None where nothing
+# acts. A new entry is read by the next program that is made. Rounding errors depend on the order.
+OF_MECHANISM: dict[str, Callable[[Mechanism, np.dtype], TermData | None]] = {
     "joints": joint_data,
     "tendons": tendon_data,
     "balls": ball_data,
 }
 
 
-def _of_mechanism(mechanism: Mechanism, dtype) -> dict[str, TermData]:
+def _of_mechanism(mechanism: Mechanism, dtype: np.dtype) -> dict[str, TermData]:
     found = ((name, data(mechanism, dtype)) for name, data in OF_MECHANISM.items())
     return {name: x for name, x in found if x is not None}
 
 
-def _checked(mechanism: Mechanism, q, contacts: Any, ground, pairs: Any, loops) -> _Arguments:
+def _checked(
+    mechanism: Mechanism,
+    q: jax.Array,
+    contacts: PointContacts | None,
+    ground: Ground | None,
+    pairs: Pairs | None,
+    loops: Iterable[LoopClosure],
+) -> _ContactsAndLoops:
     what = "convex_step"
     ground = checked_ground(what, ground, q)
     if contacts is not None:
         contacts = checked_contacts(what, contacts)
         check.require_same_dtype(q=q, contacts=contacts)
-        for frame, body in zip(
-            contacts.frames, bodies_of(f"{what}: contacts: frames", mechanism, contacts), strict=True
-        ):
+        bodies = carriers(f"{what}: contacts: frames", mechanism, contacts)
+        for frame, body in zip(contacts.frames, bodies, strict=True):
             if body < 0:
                 got = f"{frame!r}, of the world, which pairs may have"
                 raise ValueError(f"{what}: contacts: expected frames of moving bodies, got {got}")
     pairs = None if pairs is None else checked_pairs(what, mechanism, q, pairs)
     closures, distances = checked_closures(what, mechanism, loops, q.dtype)
     require_closable(what, mechanism, closures, distances, q.dtype)
-    return _Arguments(
-        contacts if contacts is not None and contacts.frames else None, ground, pairs, closures, distances
-    )
+    contacts = contacts if contacts is not None and contacts.frames else None
+    return _ContactsAndLoops(contacts, ground, pairs, closures, distances)
 
 
 def _step(
     mechanism: Mechanism,
-    state: Sequence[Any],
-    h,
-    dt: ArrayLike,
-    forces,
-    given: _Arguments,
+    at: State,
+    h: jax.Array,
+    forces: Wrenches,
+    given: _ContactsAndLoops,
     precision: PrecisionName,
 ) -> ConvexStep:
-    """`convex_step` of checked arguments. state: q, v and tau; h: dt as (*batch, 1)."""
-    q, v, tau = state
-    is_free = given.contacts is None and given.pairs is None and not given.moved(mechanism)
-    if is_free and not _of_mechanism(mechanism, q.dtype):
-        batch = check.broadcast_shapes(
-            *(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape
-        )
-        after = steps.semi_implicit_step(mechanism, q, v, tau, dt, forces, precision=precision)
-        # Known zeros leave no operation behind.
-        zeros = check.numpy_for(batch).zeros
-        residual, iterations = cast(Any, (zeros(batch, q.dtype), zeros(batch, np.int32)))
-        wrenches = given.wrenches(mechanism, None, batch, q.dtype)
-        return ConvexStep(after[0], after[1], None, wrenches, residual, iterations)
-    if q.dtype.itemsize == 2:
-        return _by_way_of_float32(mechanism, state, h, forces, given, precision)
-    if given.batch_shape or given.calls_functions:
+    """`convex_step` of checked arguments, where something may act. h: dt as (*batch, 1)."""
+    if at[0].dtype.itemsize == 2:
+        return _by_way_of_float32(mechanism, at, h, forces, given, precision)
+    if given.batch_shape or given.has_functions:
         # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        return _convex_step(precision, (mechanism, given), q, v, tau, h, forces)
-    return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
+        return _convex_step(precision, (mechanism, given), at, h, forces)
+    return _as_one_program(resolve(precision), (mechanism, given), at, h, forces)
 
 
-def _convex_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], q, v, tau, h, forces) -> ConvexStep:
-    """`_step` where something may act."""
-    mechanism, given = scene
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
+def _convex_step(
+    precision: PrecisionName,
+    scene: tuple[Mechanism, _ContactsAndLoops],
+    at: State,
+    h: jax.Array,
+    forces: Wrenches,
+) -> ConvexStep:
+    """`_step` of numbers of 32 or 64 bits."""
+    (mechanism, given), (q, v, tau) = scene, at
+    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (*at, h, *jax.tree.leaves(forces))), given.batch_shape)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
-    free, turning, vdot, tau = steps.stepped_velocities(mechanism, (q, v, tau), h, c, forces, None, precision)
-    still = steps.without_accelerations(precision, v, h, turning)
+    v_free, turning, vdot, tau = steps.stepped_velocities(mechanism, at, h, c, forces, None, precision)
+    v0 = steps.without_accelerations(precision, v, h, turning)
 
-    free, still, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (free, still, vdot, h))
-    terms = given.terms(mechanism, q, precision)
-    step = StepData(still, lax.stop_gradient(wide_h * vdot), wide_h, tuple(terms.values()))
+    v_free, v0, vdot, wide_h = (jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in (v_free, v0, vdot, h))
+    data = given.term_data(mechanism, q, precision)
+    step = StepData(v0, lax.stop_gradient(wide_h * vdot), wide_h, tuple(data.values()))
     problem = _Problem(mechanism, q, step, v, tau, forces)
     # The iteration has numbers of one limb.
     narrow = resolve(precision).of_one_limb
     y, residual, iterations = problem.at_optimum(narrow)
     acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
-    after = valued(still + y, lax.stop_gradient(jnp.where(acts, still + y, free)))
-    pushed = dict(zip(terms, problem.wrenches(narrow, y), strict=True))
+    after = valued(v0 + y, lax.stop_gradient(jnp.where(acts, v0 + y, v_free)))
+    forces_of = dict(zip(data, problem.wrenches(narrow, y), strict=True))
     next_q, next_v = steps.moved(mechanism, q, after, h[..., 0], precision)
-    wrenches = given.wrenches(mechanism, pushed.get("closures"), batch, q.dtype)
-    return ConvexStep(next_q, next_v, pushed.get("contacts"), wrenches, residual, iterations)
+    wrenches = given.loop_wrenches(mechanism, forces_of.get("closures"), batch, q.dtype)
+    return ConvexStep(next_q, next_v, forces_of.get("contacts"), wrenches, residual, iterations)
 
 
 _as_one_program = composite(_convex_step)
 
 
 def _by_way_of_float32(
-    mechanism: Mechanism, state: Sequence[Any], h, forces, given: _Arguments, precision: PrecisionName
+    mechanism: Mechanism,
+    at: State,
+    h: jax.Array,
+    forces: Wrenches,
+    given: _ContactsAndLoops,
+    precision: PrecisionName,
 ) -> ConvexStep:
     """`_step` of 16 bits. A function for the ground sees points of 16 bits, and returns them."""
-    narrow, wide, ground = state[0].dtype, np.dtype(np.float32), given.ground
-    state, h, forces, given = _with_dtype((state, h, forces, given), narrow, wide)
+    narrow, wide, ground = at[0].dtype, np.dtype(np.float32), given.ground
+    at, h, forces, given = _with_dtype((at, h, forces, given), narrow, wide)
     mechanism = mechanism.in_float32
     if not isinstance(ground, Shape):
         given = given._replace(ground=lambda p: jnp.asarray(ground(p.astype(narrow))).astype(wide))
-    return _with_dtype(_step(mechanism, state, h, h[..., 0], forces, given, precision), wide, narrow)
+    return _with_dtype(_step(mechanism, at, h, forces, given, precision), wide, narrow)
 
 
 def _with_dtype(tree: T, old: np.dtype, new: np.dtype) -> T:
@@ -348,7 +368,7 @@ class _Problem(NamedTuple):
     step: StepData
     v: jax.Array
     tau: jax.Array
-    forces: Any
+    forces: Wrenches
 
     def at_optimum(self, precision: Precision) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""
@@ -356,26 +376,26 @@ class _Problem(NamedTuple):
         # JAX keeps the rule below with the caller's trace, so it holds no array: those of this trace would leak.
         known = self._with_data(lambda _: object())
 
-        def at(data: Sequence[Any]) -> "_Problem":
+        def problem_of(data: Sequence[jax.Array]) -> "_Problem":
             rest = iter(data)
             return known._with_data(lambda _: next(rest))
 
         # A function of the numbers that are not known alone: what JAX calls with them, it makes data of.
         @jax.custom_jvp
-        def optimum(*data) -> tuple[jax.Array, jax.Array]:
-            own = at(data)._with_data(lax.stop_gradient)
+        def optimum(*data: jax.Array) -> tuple[jax.Array, jax.Array]:
+            own = problem_of(data)._with_data(lax.stop_gradient)
             return newton.solve(precision, own.mechanism, own.q, own.step)
 
         @optimum.defjvp
         def _(primals, tangents) -> Any:
             y, iterations = optimum(*primals)
-            _, force = jax.jvp(lambda *data: at(data)._imbalance(precision, y), primals, tangents)
-            change = at(primals)._times_inverse(precision, y, -force)
+            _, force = jax.jvp(lambda *data: problem_of(data)._imbalance(precision, y), primals, tangents)
+            change = problem_of(primals)._times_inverse(precision, y, -force)
             return (y, iterations), (change, np.zeros(iterations.shape, jax.dtypes.float0))
 
         y, iterations = optimum(*filter(_is_data, jax.tree.leaves(self)))
         fixed = self._with_data(lax.stop_gradient)
-        residual = newton.residual(precision, *fixed._moving(lax.stop_gradient(y)))
+        residual = newton.residual(precision, *fixed._compared(lax.stop_gradient(y)))
         return y, residual[..., 0], iterations[..., 0]
 
     def _with_data(self, function: Callable[[Any], Any]) -> "_Problem":
@@ -390,35 +410,34 @@ class _Problem(NamedTuple):
                 fields[k] = jax.tree.map(lambda x: function(x) if _is_data(x) else x, tree)
         return _Problem(*fields)
 
-    def _moving(self, y: jax.Array) -> tuple[Any, ...]:
+    def _compared(self, y: jax.Array) -> tuple[Any, ...]:
         """What programs take that compare forces, for a change y of the velocities."""
         vdot = quotient(y, jnp.broadcast_to(self.step.dt, y.shape))
-        at = newton.Balance(self.v, vdot, self.tau, self.forces)
-        return self.mechanism, self.q, self.step, y, at
+        return self.mechanism, self.q, self.step, y, self.v, vdot, self.tau, self.forces
 
     def _imbalance(self, precision: Precision, y: jax.Array) -> jax.Array:
-        return newton.imbalance(precision, *self._moving(y))
+        return newton.imbalance(precision, *self._compared(y))
 
     def _times_inverse(self, precision: Precision, y: jax.Array, force: jax.Array) -> jax.Array:
         """H^-1 times a force, with H the derivative of the imbalance by y: with the factors of the iteration."""
-        at = self._with_data(lax.stop_gradient)
+        fixed = self._with_data(lax.stop_gradient)
 
         return lax.custom_linear_solve(
             lambda x: jax.jvp(lambda y: self._imbalance(precision, y), (y,), (x,))[1],
             force,
-            lambda _, b: newton.solve_at(precision, at.mechanism, at.q, at.step, lax.stop_gradient(y), b),
+            lambda _, b: newton.solve_at(precision, fixed.mechanism, fixed.q, fixed.step, lax.stop_gradient(y), b),
             symmetric=True,
         )
 
     def wrenches(self, precision: Precision, y: jax.Array) -> list[SpatialForce | None]:
         """What the step returns of each term, for a change y of the velocities; None of those of which it has none."""
-        terms = self.step.terms
-        sizes = tuple(x.result_size for x in terms if x.result_size)
+        data = self.step.term_data
+        sizes = tuple(x.result_size for x in data if x.result_size)
         if not sizes:
-            return [None] * len(terms)
-        impulses = newton.impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes)
+            return [None] * len(data)
+        impulses = newton.returned_impulses(precision, self.mechanism, self.q, self.step, y, sizes=sizes)
         forces = iter([quotient(x, jnp.broadcast_to(self.step.dt, x.shape)) for x in impulses])
-        return [x.wrenches(next(forces)) if x.result_size else None for x in terms]
+        return [x.wrenches(next(forces)) if x.result_size else None for x in data]
 
 
 def _is_data(x) -> bool:

@@ -41,18 +41,17 @@ class TendonData(TermData):
     lower: Array
     upper: Array
 
-    def term(self, world: World, step: StepData) -> "LimitsOfForms":
-        """The LimitsOfForms of all states."""
+    def to_term(self, world: World, step: StepData) -> "LimitsOfForms":
         state, m = world.state, len(self.velocities[0])
         c = tuple(scalars(state, self.coefficients[j * m : (j + 1) * m]) for j in range(len(self.velocities)))
         q = (scalars(state, stacking.rows(state.q, np.array(x))) for x in self.coordinates)
         offset, lower, upper = (scalars(state, x) for x in (self.offset, self.lower, self.upper))
         length = functools.reduce(operator.add, map(operator.mul, c, q), offset)
-        held = are_equal(lower, upper, self.lower, self.upper)
-        return _limits(world, step, self.velocities, c, length - lower, upper - length, held)
+        is_equal = are_equal(lower, upper, self.lower, self.upper)
+        return _limits_of_forms(world, step, self.velocities, c, length - lower, upper - length, is_equal)
 
 
-def tendon_data(mechanism: Mechanism, dtype) -> TendonData | None:
+def tendon_data(mechanism: Mechanism, dtype: np.dtype) -> TendonData | None:
     """The TendonData of the tendons that have limits; None for none."""
     limited = (x for x in mechanism.tendons if not (is_infinite(x.lower) and is_infinite(x.upper)))
     rows = [(*over_coordinates(mechanism, x), x.lower, x.upper) for x in limited]
@@ -73,8 +72,7 @@ class BallData(TermData):
 
     bodies: tuple[int, ...]
 
-    def term(self, world: World, step: StepData) -> "LimitsOfForms":
-        """The LimitsOfForms of all states."""
+    def to_term(self, world: World, step: StepData) -> "LimitsOfForms":
         state, t = world.state, world.state.topology
         turns: list = [x.kind.turn(x.q) if isinstance(x.kind, Ball) else None for x in state.joints]
         turn = state.of_bodies(self.bodies, turns, state.zero_vector)
@@ -86,10 +84,10 @@ class BallData(TermData):
         largest = scalars(state, stacking.rows(state.fields["turn_limits"], np.array(self.bodies)))
         velocities = tuple(tuple(t.v_starts[i] + j for i in self.bodies) for j in range(3))
         angle = where(is_none, 0.0, angle)
-        return _limits(world, step, velocities, tuple(axis), angle + np.inf, largest - angle)
+        return _limits_of_forms(world, step, velocities, tuple(axis), angle + np.inf, largest - angle)
 
 
-def ball_data(mechanism: Mechanism, _) -> BallData | None:
+def ball_data(mechanism: Mechanism, _: np.dtype) -> BallData | None:
     """The BallData of the balls that have limits; None for none."""
     t, limits = mechanism.topology, mechanism.turn_limits
     if limits is None:
@@ -99,21 +97,21 @@ def ball_data(mechanism: Mechanism, _) -> BallData | None:
     return BallData(bodies) if bodies else None
 
 
-def _limits(
+def _limits_of_forms(
     world: World,
     step: StepData,
     places: Places,
     c: tuple[Number, ...],
     below: Number,
     above: Number,
-    held: Mask | None = None,
+    is_equal: Mask | None = None,
 ) -> "LimitsOfForms":
-    """The LimitsOfForms of numbers at distances below and above from their limits. held: of equal limits."""
-    before, change = world.numbers(step.v0, step.y_free)
-    u, free = (_form(places, c, v) for v in (before, before + change))
-    fastest = where(high(abs(u)) > high(abs(free)), abs(u), abs(free))
+    """The LimitsOfForms of numbers at distances below and above from their limits. is_equal: as of `Limit`."""
+    v0, y_free = world.velocity_numbers(step.v0, step.y_free)
+    u0, u_free = (_form(places, c, v) for v in (v0, v0 + y_free))
+    speed = where(high(abs(u0)) > high(abs(u_free)), abs(u0), abs(u_free))
     w = _form(places, tuple(x * x for x in c), 1 / world.diagonal)
-    limit = Limit.of(below, above, w, fastest, world.dt, held=held)
+    limit = Limit.of(below, above, w, speed, world.dt, is_equal=is_equal)
     return LimitsOfForms(places, c, limit, limit.R)
 
 

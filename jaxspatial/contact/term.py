@@ -5,9 +5,6 @@
 A Term is one family of the l_i, such as all contacts. It stands for m impulses gamma = -dl/du at the velocities
 u = J v, and for their derivative G = -dgamma/du, which is never negative. `newton` solves the problem for a tuple of
 Terms, of which it knows what this file says and nothing else.
-
-Contact data has three forms. What a caller passes are public objects, such as `PointContacts`. A TermData has the
-arrays that programs read, at one configuration. A Term has the numbers of all states inside of a program.
 """
 
 from collections.abc import Callable
@@ -29,7 +26,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 # Velocities, and impulses, of a term: trees of numbers (m, B), one number or a Vector for each; and its G.
 U = TypeVar("U")
-H = TypeVar("H")
+GType = TypeVar("GType")
 
 # Drake's numbers: how much softer than rigid terms are in the near-rigid regime, in units of the Delassus operator
 # J D^-1 J^T, with D the diagonal of A: contacts along the normal, what sticks, and limits and closures.
@@ -38,12 +35,12 @@ NEAR_RIGID, STICKING, NEAR_RIGID_LIMIT = 1.0 / (4 * np.pi**2), 1e-3, 0.1**2 / (4
 
 class StepData(NamedTuple):
     """What programs read of a step, as arrays. v0 (*batch, nv): the velocities at its start, along axes that do not
-    turn. y_free (*batch, nv): by which they change without contact. dt (*batch, 1). terms: a TermData of each."""
+    turn. y_free (*batch, nv): by which they change without impulses. dt (*batch, 1). term_data: one for each Term."""
 
     v0: Array
     y_free: Array
     dt: Array
-    terms: tuple["TermData", ...]
+    term_data: tuple["TermData", ...]
 
 
 class TermData:
@@ -54,8 +51,8 @@ class TermData:
         """How many numbers of impulses the step returns; 0 for a term that is no part of its result."""
         return 0
 
-    def term(self, world: "World", step: StepData) -> "Term":
-        """The Term in all states of a program."""
+    def to_term(self, world: "World", step: StepData) -> "Term":
+        """The Term of all states of a program, in which the mechanism is the world."""
         raise NotImplementedError
 
     def wrenches(self, forces: jax.Array) -> SpatialForce:
@@ -81,15 +78,15 @@ class Columns(NamedTuple):
     on_joints: Number | None = None
 
 
-class Term(Generic[U, H]):
+class Term(Generic[U, GType]):
     """m impulses on a mechanism. Subclasses are pytrees of numbers (m, B).
 
     A velocity u, and an impulse, is a tree of numbers (m, B): one number for each, or a Vector. G is what `times_G`
     takes.
 
     J^T G J is added to A, and how depends on where a term acts. On one body it is an inertia, see `inertia`. On the
-    velocity of one joint it is an armature, see `joint_velocities`. Between bodies or joints it is a system of
-    equations that is solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
+    velocity of one joint it is an armature, see `single_velocities`. Between bodies or joints it is
+    equations that are solved beside the tree, see `columns`. A subclass writes those of the three that it needs.
 
     is_stiff: whether G is so large that impulse - G J x, for a direction x, would be a difference of large numbers.
     Newton's method then finds it in another way. It is for `Rows` alone, whose G is diagonal.
@@ -114,11 +111,11 @@ class Term(Generic[U, H]):
 
     # -- the law ------------------------------------------------------------------------------------------------------
 
-    def law(self, u: U, held: Mask | None = None) -> tuple[U, H]:
+    def law(self, u: U, held: Mask | None = None) -> tuple[U, GType]:
         """(the impulses at velocities u, G there). held: impulses whose law is taken for linear, wherever u is."""
         raise NotImplementedError
 
-    def times_G(self, G: H, u: U) -> U:
+    def times_G(self, G: GType, u: U) -> U:
         """G u."""
         raise NotImplementedError
 
@@ -126,7 +123,7 @@ class Term(Generic[U, H]):
         """impulse . u of each, (m, B)."""
         raise NotImplementedError
 
-    def bound(self, G: H, x: U) -> Number:
+    def bound(self, G: GType, x: U) -> Number:
         """At least x . G^-1 x of impulses x; infinite where x has a part in which G is zero."""
         raise NotImplementedError
 
@@ -139,10 +136,10 @@ class Term(Generic[U, H]):
         raise NotImplementedError
 
     def held(self, *velocities: U) -> Mask:
-        """Which laws the first direction takes for linear, from velocities at the start and without contact."""
+        """Which laws the first direction takes for linear, from the velocities J v0 and J y_free."""
         return jnp.zeros((1, 1), bool)
 
-    def rounding(self, G: H, u: U) -> Number:
+    def rounding(self, G: GType, u: U) -> Number:
         """What an error of 1 in what the law is given, such as distances, adds to g^T H^-1 g, with g the gradient. For
         a `rounding_share` above 0."""
         raise NotImplementedError
@@ -161,16 +158,16 @@ class Term(Generic[U, H]):
         """The generalized forces (nv, B) of J^T impulse beside these wrenches."""
         return None
 
-    def inertia(self, G: H) -> list[OnBodies]:
+    def inertia(self, G: GType) -> list[OnBodies]:
         """J^T G J of what acts on single bodies, as Articulated inertias."""
         return []
 
-    def joint_velocities(self) -> np.ndarray | None:
+    def single_velocities(self) -> np.ndarray | None:
         """The numbers (m,) of the velocities on which the impulses act, each on one: G adds to its armature. No two
         terms may act on one velocity in this way. None for a term that acts in another."""
         return None
 
-    def columns(self, world: "World", G: H) -> list[Columns]:
+    def columns(self, world: "World", G: GType) -> list[Columns]:
         """L^T J of what acts between bodies; of a term that is_stiff, those of all impulses in their order."""
         return []
 
@@ -197,5 +194,5 @@ class Rows(Term[Number, Number]):
         return impulse * u
 
     def bound(self, G: Number, x: Number) -> Number:
-        is_stiff = high(G) > 0
-        return where(is_stiff | (high(x) == 0), x * x / where(is_stiff, G, 1.0), np.inf)
+        has_G = high(G) > 0
+        return where(has_G | (high(x) == 0), x * x / where(has_G, G, 1.0), np.inf)

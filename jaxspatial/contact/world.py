@@ -58,8 +58,8 @@ class Bodies(NamedTuple):
     """The bodies of a bundle. R: their axes. r: positions from the parent's origin.
 
     S: the motions of each velocity of their joints. resistance: armature, and dt times the damping of the joint.
-    turns: whether velocities are along the axes of the world, and not along those of the bodies: of floating roots,
-    whose motions S are then known.
+    is_along_world: whether velocities are along the axes of the world, and not along those of the bodies: of floating
+    roots, whose motions S are then known.
     """
 
     R: Matrix
@@ -67,7 +67,7 @@ class Bodies(NamedTuple):
     S: tuple[Motion, ...]
     inertia: Inertia
     resistance: Numbers
-    turns: bool
+    is_along_world: bool
 
 
 class Forces(NamedTuple):
@@ -85,6 +85,7 @@ class World:
 
     def __init__(self, state: MechanismState, dt: Number):
         self.state, self.dt = state, dt
+        # The damping takes the place of the force, which the step has in `y_free`.
         links = [
             x._replace(tau=state.own(b, state.fields["damping"]))
             for x, b in zip(state.links(), state.bundles, strict=True)
@@ -106,10 +107,10 @@ class World:
         # What acts along the axes of bodies keeps velocities along these: dry friction too.
         friction = self.state.own(bundle, self.state.fields["friction_loss"])
         is_free = all(is_constant(x) and x.value == 0 for x in (*resistance, *friction))
-        turns = has_floating_roots(bundle) and is_free
-        if turns:
+        is_along_world = has_floating_roots(bundle) and is_free
+        if is_along_world:
             S = self._along_world
-        return Bodies(R, r, S, inertia, resistance, turns)
+        return Bodies(R, r, S, inertia, resistance, is_along_world)
 
     @property
     def _along_world(self) -> tuple[Motion, ...]:
@@ -126,18 +127,18 @@ class World:
 
     # -- generalized velocities ---------------------------------------------------------------------------------------
 
-    def numbers(self, *vectors: Array) -> list[Number]:
+    def velocity_numbers(self, *vectors: Array) -> list[Number]:
         """Generalized velocities as numbers (nv, B), those of floating roots in world axes."""
         return [self.turned(self.state.numbers(x[:, None])[0], to_world=True) for x in vectors]
 
     def turned(self, v: Number, to_world: bool) -> Number:
         """Velocities (nv, B) with those of floating roots in world axes, from those along the axes of bodies; or
         back."""
-        if not any(body.turns for body in self.bodies):
+        if not any(body.is_along_world for body in self.bodies):
             return v
         by_bundle = self.by_bundle(v)
         for k, body in enumerate(self.bodies):
-            if body.turns:
+            if body.is_along_world:
                 R = body.R if to_world else body.R.T
                 by_bundle[k] = (*(R @ Vector(*by_bundle[k][:3])), *(R @ Vector(*by_bundle[k][3:])))
         return self.state.numbers_by_velocity(by_bundle)
@@ -212,7 +213,7 @@ class World:
     def generalized(self, forces: list[Forces]) -> Number:
         """The generalized forces (nv, B) of forces on every bundle."""
         links = [(body.S, body.r, F) for body, F in zip(self.bodies, forces, strict=True)]
-        return self.state.numbers_by_velocity(recursion.inward(self.state, _at_joint, self.no_wrench, links))
+        return self.state.numbers_by_velocity(recursion.inward(self.state, _joint_forces, self.no_wrench, links))
 
     # -- numbers of several bodies ------------------------------------------------------------------------------------
 
@@ -278,7 +279,7 @@ class World:
         roots = [
             (state.topology.v_starts[i], state.of_bodies([i], [x.R for x in self.bodies], state.world.R))
             for b, body in zip(state.bundles, self.bodies, strict=True)
-            if has_floating_roots(b) and not body.turns
+            if has_floating_roots(b) and not body.is_along_world
             for i in b.bodies.ravel().tolist()
         ]
         return Units(wide, v, motions, A, diagonal, roots)
@@ -315,7 +316,7 @@ class World:
         """
         bodies = list(self.bodies)
         for k, (b, body) in enumerate(zip(self.state.bundles, self.bodies, strict=True)):
-            if has_floating_roots(b) and not body.turns:
+            if has_floating_roots(b) and not body.is_along_world:
                 # The resistance is the diagonal along these axes.
                 turning, moving = Vector(*body.resistance[:3]), Vector(*body.resistance[3:])
                 squares = [Vector(*(x * x for x in row)) for row in body.R]
@@ -348,7 +349,7 @@ class World:
         return whole - 2.0 * articulated.shifted(state.of_bodies(common, self.mobility, nothing), arm), whole
 
     def reach(self, ends: Ends, arm_b: Vector, arm_a: Vector, normal: Vector) -> Number:
-        """How large the terms are of which a distance between points along a normal is the sum: the position of each
+        """How large the numbers are of which a distance between points along a normal is the sum: the position of each
         root along the normal, and the lengths of all arms from there to the points. Its rounding errors grow with it.
         """
         state = self.state
@@ -384,7 +385,7 @@ def _velocity(body, parent: tuple[Motion, ...]) -> tuple[tuple[Motion, ...], tup
     return tuple(found), tuple(found)
 
 
-def _at_joint(link, children: Wrench) -> tuple[Numbers, Wrench]:
+def _joint_forces(link, children: Wrench) -> tuple[Numbers, Wrench]:
     """(the forces at a joint, the wrench on its body and all that hang on it, about the parent's origin)."""
     S, r, (on_body, on_joint) = link
     F = on_body + children

@@ -89,7 +89,8 @@ def passive_forces(
 
     Raises:
         TypeError: dtypes differ, or the first argument is no Mechanism.
-        ValueError: shapes do not fit, or a friction speed that is not above zero.
+        ValueError: shapes do not fit, or of numbers known while tracing a friction speed is not above zero, a stiffness
+            or damping of limits below zero or NaN.
 
     Error: at most 8 u times the sum of the sizes of the four terms in "fast" and "reproducible", 1 u |r| + 64 u^2 times
         the sum of the sizes of the four terms in the other two; for "ball", "free" and "planar" of the terms of the
@@ -172,6 +173,10 @@ def checked_compliance(mechanism: Mechanism, like, compliance: object):
     speed, stiffness, damping = [_per_velocity(mechanism, like, name, x) for name, x in items]
     if isinstance(speed, np.ndarray) and not (speed > 0).all():
         raise ValueError(f"compliance: friction_speed: expected numbers above 0, got {compliance.friction_speed}")
+    for name, x in (("limit_stiffness", stiffness), ("limit_damping", damping)):
+        if isinstance(x, np.ndarray) and not (x >= 0).all():
+            got = getattr(compliance, name)
+            raise ValueError(f"compliance: {name}: expected numbers of at least 0, got {got}")
     acts = not (is_nothing(stiffness) and is_nothing(damping))
     return Compliance(speed, *((stiffness, damping) if acts else (None, None)))
 

@@ -49,7 +49,7 @@ class Actuators(OfOneDtype):
 
     Raises:
         TypeError: names are no text, or numbers none of floating point; dtypes differ.
-        ValueError: shapes do not fit.
+        ValueError: shapes do not fit, or of numbers known while tracing one is NaN, or a lower limit above the upper.
 
     Error: none, nothing is computed.
 
@@ -113,8 +113,15 @@ class Actuators(OfOneDtype):
             array = check.as_float_array(x, f"Actuators: {name}", dtype, keep_dtype=True)
             if array.shape[-1:] not in ((), (size,)):
                 raise ValueError(f"Actuators: {name}: expected a number, or shape (*batch, {size}), got {array.shape}")
+            if isinstance(array, np.ndarray) and np.isnan(array).any():
+                raise ValueError(f"Actuators: {name}: expected numbers, got {x}")
             arrays[name] = array
         require_compatible(**arrays)
+        for lower, upper in (("lower", "upper"), ("ctrl_lower", "ctrl_upper")):
+            limits = arrays[lower], arrays[upper]
+            if all(isinstance(x, np.ndarray) for x in limits) and (limits[0] > limits[1]).any():
+                expected = f"expected at most {upper}, {given[upper]}"
+                raise ValueError(f"Actuators: {lower}: {expected}, got {given[lower]}")
         for name, x in arrays.items():
             object.__setattr__(self, name, check.owned(x))
 

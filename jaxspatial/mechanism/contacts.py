@@ -38,7 +38,7 @@ class PointContacts(OfOneDtype):
 
     Raises:
         TypeError: frames are no names, or dtypes differ.
-        ValueError: shapes do not fit, or a number known while tracing is negative, a stiffness zero.
+        ValueError: shapes do not fit, or a number known while tracing is negative or NaN, a stiffness zero.
 
     Error: none, nothing is computed.
 
@@ -84,6 +84,8 @@ class PointContacts(OfOneDtype):
             positions = check.as_vectors(self.positions, what, dtype, many=[str(n)], keep_dtype=True)
             if positions.shape[-2] != n:
                 raise ValueError(f"{what}: expected shape (*batch, {n}, 3), got {positions.shape}")
+            if isinstance(positions, np.ndarray) and np.isnan(positions).any():
+                raise ValueError(f"{what}: expected numbers, got {positions.tolist()}")
             arrays["positions"] = positions
         check.require_same_dtype(**arrays)
         check.common_batch_shape(**{name: _batch_shape(name, x) for name, x in arrays.items()})
@@ -240,8 +242,7 @@ def per_frame(kind: str, name: str, x, n: int, dtype: DTypeLike | None):
         raise ValueError(f"{what}: expected a number, or shape (*batch, {n}), got {array.shape}")
     if isinstance(array, np.ndarray):
         least = "above 0" if name == "stiffness" else "of at least 0"
-        # NaN passes, and gives NaN.
-        if (array <= 0).any() if name == "stiffness" else (array < 0).any():
+        if not (array > 0 if name == "stiffness" else array >= 0).all():
             raise ValueError(f"{what}: expected numbers {least}, got {x}")
     return array
 

@@ -140,8 +140,8 @@ class Mechanism:
             TypeError: a part has another type, or numbers are traced: put these in with `replace`.
             ValueError: a name is missing or comes twice, nothing holds a body against the world, a shape does not fit;
                 an inertia or gravity is not finite, or masses, moments or weights overflow in the dtype; numbers of a
-                joint are NaN, its lower limits above the upper ones, or armature, friction or largest forces or
-                velocities below zero.
+                joint are NaN, its lower limits above the upper ones, or armature, damping, friction or largest forces
+                or velocities below zero.
 
         Example:
             >>> pole = js.Joint("hinge", "revolute", "world", "pole", axis=(0, 1, 0))

@@ -16,7 +16,7 @@ from jaxspatial.spatial import RigidTransform
 
 WORLD = "world"
 # Fields of joints that nothing real has below zero.
-_AT_LEAST_ZERO = {"armature", "friction_loss", "effort_limit", "velocity_limit"}
+_AT_LEAST_ZERO = {"armature", "damping", "friction_loss", "effort_limit", "velocity_limit"}
 # How far the length of a quaternion, or of a sine and cosine, may be from 1.
 _UNIT = 1e-3
 

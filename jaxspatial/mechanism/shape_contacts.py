@@ -33,7 +33,7 @@ class ShapeContacts(OfOneDtype):
 
     Raises:
         TypeError: frames are no names, shape is no shape, or dtypes differ.
-        ValueError: shapes do not fit, or a number known while tracing is negative, a stiffness zero.
+        ValueError: shapes do not fit, or a number known while tracing is negative or NaN, a stiffness zero.
 
     Error: none, nothing is computed.
 

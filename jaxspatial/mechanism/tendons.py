@@ -37,7 +37,8 @@ class Tendon:
 
     Raises:
         TypeError: names are no text, or numbers are none of floating point.
-        ValueError: there is no name, or the numbers of names and of coefficients differ.
+        ValueError: there is no name, the numbers of names and of coefficients differ, or of numbers known while
+            tracing one is NaN, damping below zero, or a lower limit above the upper.
 
     Example:
         >>> band = js.Tendon("band", ["shoulder", "elbow"], [0.25, -0.5], stiffness=8.0)
@@ -82,7 +83,13 @@ class Tendon:
             array = np.repeat(array, 2) if field == "rest" and array.ndim == 0 else array
             if array.shape != size:
                 raise ValueError(f"Tendon {self.name!r}: {field}: expected shape {size}, got {array.shape}")
+            least = " of at least 0" if field == "damping" else ""
+            if isinstance(array, np.ndarray) and not (array >= (0 if least else -np.inf)).all():
+                raise ValueError(f"Tendon {self.name!r}: {field}: expected numbers{least}, got {array.tolist()}")
             object.__setattr__(self, field, array)
+        if isinstance(self.lower, np.ndarray) and isinstance(self.upper, np.ndarray) and self.lower > self.upper:
+            expected = f"expected at most upper, {self.upper.tolist()}"
+            raise ValueError(f"Tendon {self.name!r}: lower: {expected}, got {self.lower.tolist()}")
 
     def __repr__(self) -> str:
         return f"Tendon({self.name!r}, {list(self.joints)}, {check.in_short(self.coefficients)})"

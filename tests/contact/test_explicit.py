@@ -279,6 +279,8 @@ def test_no_contacts():
         ({"ground": lambda p: p}, ValueError, r"ground: expected a number, float64\[\], .* got float64\[3\]"),
         ({"ground": js.HalfSpace().astype(np.float32)}, TypeError, "q and ground: expected one dtype"),
         ({"stiction_speed": 0.0}, ValueError, "stiction_speed: expected numbers above 0, got 0.0"),
+        ({"stiction_speed": np.nan}, ValueError, "stiction_speed: expected numbers above 0, got nan"),
+        ({"dissipation": -0.5}, ValueError, "contact_forces: dissipation: expected numbers of at least 0, got -0.5"),
         ({"dissipation": np.zeros(3)}, ValueError, r"dissipation: expected a number, or shape \(\*batch, 5\)"),
         ({"dissipation": np.zeros((3, 5))}, ValueError, "expected batch shapes that broadcast"),
     ],

@@ -3,6 +3,7 @@
 import functools
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -230,5 +231,5 @@ def test_without_limits_it_costs_nothing():
 def test_no_number_in_none_out():
     mech, _ = hand()
     q, v, tau = (x[0] for x in states(mech, 1))
-    bad = mech.replace(tendons=[js.Tendon("t", ["j", "m"], [1.0, 1.0], lower=np.nan)])
+    bad = mech.replace(tendons=[js.Tendon("t", ["j", "m"], [1.0, 1.0], lower=jnp.asarray(np.nan))])
     assert np.isnan(interpreted(lambda *x: js.convex_step(bad, *x, DT).v)(q, v, tau)).any()

@@ -382,6 +382,8 @@ def test_nothing_leaves_nothing_behind():
 
 REFUSED = {
     "no compliance": (3.0, TypeError, "compliance: expected a Compliance, got float"),
+    "softness": (js.Compliance(limit_damping=-1.0), ValueError, "limit_damping: expected .* at least 0, got -1"),
+    "stiffness": (js.Compliance(limit_stiffness=np.nan), ValueError, "limit_stiffness: .* at least 0, got nan"),
     "speed": (js.Compliance(friction_speed=0.0), ValueError, "compliance: friction_speed: expected numbers above 0"),
     "shape": (
         js.Compliance(limit_stiffness=np.ones(7, np.float32)),

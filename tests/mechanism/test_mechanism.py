@@ -353,6 +353,7 @@ REFUSED = {
     "damping of NaN": (([A], [revolute("j", "world", "a", damping=np.nan)]), ValueError, "'j': damping: .*got nan"),
     "pitch of NaN": (([A], [js.Joint("j", "helical", "world", "a", pitch=np.nan)]), ValueError, "pitch: .*got nan"),
     "armature below zero": (([A], [revolute("j", "world", "a", armature=-1.0)]), ValueError, "at least 0, got -1.0"),
+    "damping below zero": (([A], [revolute("j", "world", "a", damping=-1.0)]), ValueError, "at least 0, got -1.0"),
     "effort below zero": (([A], [revolute("j", "world", "a", effort_limit=-1.0)]), ValueError, "at least 0, got -1.0"),
     "limits in disorder": (
         ([A], [revolute("j", "world", "a", lower=1.0, upper=-1.0)]),

@@ -166,6 +166,12 @@ def test_tendons_that_are_refused(joints, c, kind, message):
 def test_numbers_that_are_refused():
     with pytest.raises(ValueError, match=r"Tendon 't': coefficients: expected shape \(2,\), got \(1,\)"):
         js.Tendon("t", ["a", "b"], [1.0])
+    with pytest.raises(ValueError, match="Tendon 't': damping: expected numbers of at least 0, got -1.0"):
+        js.Tendon("t", ["j"], [1.0], damping=-1.0)
+    with pytest.raises(ValueError, match="Tendon 't': upper: expected numbers, got nan"):
+        js.Tendon("t", ["j"], [1.0], upper=np.nan)
+    with pytest.raises(ValueError, match="Tendon 't': lower: expected at most upper, 1.0, got 2.0"):
+        js.Tendon("t", ["j"], [1.0], lower=2.0, upper=1.0)
     with pytest.raises(ValueError, match="Tendon 't': joints: expected at least one name, got none"):
         js.Tendon("t", [], [])
     with pytest.raises(TypeError, match="Tendon: joints: expected a sequence of names, got 'ab'"):
