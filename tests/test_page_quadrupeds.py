@@ -54,3 +54,6 @@ def test_the_code_of_the_picture_draws_robots(page):
 def test_what_the_page_tells():
     names = run_page("quadrupeds.md", as_read=True)
     assert 0.2 < np.mean(names["has_fallen"]) < 0.3
+    pushes = np.float32([[0, 31, 0], [0, -31, 0], [-34, 0, 0], [0, 25, 0], [-30, 0, 0], [45, 0, 0]])
+    heights = names["jax"].vmap(lambda push: names["pushed"](push, names["STEPS"])[-1, 6])(pushes)
+    assert ((np.asarray(heights) < 0.15) == [True, True, True, False, False, False]).all()

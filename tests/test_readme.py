@@ -1,7 +1,5 @@
 """What the README and the pages of the documentation say runs."""
 
-import copy
-import dataclasses
 import importlib.metadata
 import inspect
 import os
@@ -342,15 +340,8 @@ def test_coming_from_drake(row):
     """No row is empty, and every expression of ours works."""
     drake, ours, _ = row
     assert drake and re.fullmatch(r"`.+`", ours)
-    tau, f, x6 = np.float32([0, 0, 3]), np.float32([1, 2, 0]), np.arange(6, dtype=np.float32)
-    F = js.SpatialForce(tau, f)
-    many = jax.tree.map(lambda leaf: jnp.tile(leaf, (4, 1)), F)
-    scope = {
-        "js": js, "jax": jax, "jnp": jnp, "copy": copy, "dataclasses": dataclasses,
-        "tau": tau, "f": f, "x6": x6, "F": F, "F2": F * 0.5, "V": js.SpatialVelocity(f, tau),
-        "p": jnp.array([1.0, 2.0, 3.0]), "M": np.ones((6, 4), np.float32), "many": many, "offsets": jnp.ones((4, 3)),
-        "donated": jax.tree.map(jnp.array, F), "donated_many": jax.tree.map(jnp.array, many),
-    }  # fmt: skip
+    scope = {}
+    exec(examples(PAGES["coming_from_drake.md"])[-1], scope)
     assert eval(ours.strip("`"), scope) is not None
 
 

@@ -142,6 +142,24 @@ def test_a_contact_wrench_from_torques(is_singular):
     np.testing.assert_allclose(found[1:].std(0)[seen], deviation[seen], rtol=4 / np.sqrt(2 * 4000))
 
 
+@pytest.mark.parametrize("joint", ['<joint axis="1 0 0"/>', ""], ids=["hinge", "weld"])
+def test_forces_of_an_mjcf_sensor_are_those_of_mujoco(joint):
+    """Also where the body of the site is welded to another."""
+    mujoco = pytest.importorskip("mujoco")
+    hand = f'<body name="hand" pos=".4 0 0">{joint}<geom type="box" size=".1 .05 .02" pos=".1 .05 0"/>'
+    site = '<site name="wrist" pos=".02 0 0" euler="0 40 0"/></body></body></worldbody>'
+    arm = '<body name="arm"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .4 0 0" size=".05"/>'
+    sensors = '<sensor><force name="force" site="wrist"/><torque name="torque" site="wrist"/></sensor>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{arm}{hand}{site}{sensors}</mujoco>")
+    mech, data = js.Mechanism.from_mjcf(model, dtype=np.float64), mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = [0.4, -0.7][: model.nq], [2.0, -3.0][: model.nq]
+    mujoco.mj_forward(model, data)
+    sensed = recipes(mujoco=mujoco)["sensed"]
+    for name in ("force", "torque"):
+        found = interpreted(lambda *x, name=name: sensed(mech, model, name, *x))(data.qpos, data.qvel, data.qacc)
+        np.testing.assert_allclose(found, data.sensor(name).data, atol=1e-10)
+
+
 def test_the_picture_can_be_drawn_again(tmp_path):
     """In the size of the one beside the page, and of few bytes."""
     pytest.importorskip("matplotlib")

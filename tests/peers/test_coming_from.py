@@ -2,7 +2,6 @@
 
 import ast
 import contextlib
-import copy
 import functools
 import pathlib
 import re
@@ -56,10 +55,8 @@ def numbers_of(name):
 @functools.cache
 def scope(name):
     """What the code of a page defines."""
-    if name == "frax":
-        pytest.importorskip("frax")  # of the extra `benchmarks`
-    needs({"mujoco": "mujoco.mjx", "brax": "brax.io.mjcf", "drake": "pydrake", "frax": "jax"}.get(name, name))
-    found = {"jax": jax, "copy": copy}
+    needs({"mujoco": "mujoco.mjx", "brax": "brax.io.mjcf", "drake": "pydrake"}.get(name, name))
+    found = {}
     with numbers_of(name), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for block in examples(PAGES[name]):
