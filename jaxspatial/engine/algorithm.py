@@ -32,7 +32,7 @@ from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check, numbers
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
-from jaxspatial.numerics.errorfree.primitives import computed_at_once, is_zero
+from jaxspatial.numerics.errorfree.primitives import computed_at_once, is_zero, same_sharding
 from jaxspatial.numerics.formula import from_outside
 from jaxspatial.numerics.numbers import components
 from jaxspatial.numerics.precision import Precision, resolve
@@ -503,7 +503,18 @@ def over_batch(function: Callable, *arguments):
 
     for _ in batch:
         of_leaves = jax.vmap(of_leaves)
-    return of_leaves(*check.broadcast_batch(batch, *leaves))
+    arrays = check.broadcast_batch(batch, *leaves)
+    meshes = (jax.typeof(x).sharding.mesh for x in arrays)
+    mesh = next((mesh for mesh in meshes if jax.sharding.AxisType.Explicit in mesh.axis_types), None)
+    if mesh is None:
+        return of_leaves(*arrays)
+
+    def in_mesh(*arrays):
+        """What the function makes of its own is of the mesh of its arguments, which may be nobody's context."""
+        with jax.sharding.use_abstract_mesh(mesh):
+            return of_leaves(*same_sharding(*arrays, components=len(batch)))
+
+    return jax.jit(in_mesh)(*arrays)
 
 
 def velocity_shape(topology: Topology, _: dict[str, Any]) -> Shape:
