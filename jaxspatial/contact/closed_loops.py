@@ -23,6 +23,7 @@ from jax import lax
 from jaxspatial.contact.closures import (
     LoopJacobian,
     LoopsOfState,
+    are_of_one_body,
     checked_closures,
     errors_of,
     require_closable,
@@ -465,7 +466,7 @@ def _stepped(loops: LoopsOfState, q: jax.Array) -> tuple[jax.Array, LoopJacobian
 def _closed_configuration(loops: LoopsOfState, q: jax.Array, iterations: int) -> ClosedConfiguration:
     """`close_loops` of one state."""
     mechanism, precision = loops.mechanism, loops.precision
-    if not loops.closures or not mechanism.nv:
+    if not mechanism.nv or all(are_of_one_body(mechanism, x) for x in loops.closures):
         # A step of length 0 normalises quaternions.
         q = integrate(mechanism, q, np.zeros(mechanism.nv, q.dtype), precision=precision)
         left = jnp.abs(errors_of(loops.placed(q), q.dtype))

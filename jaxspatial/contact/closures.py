@@ -25,6 +25,7 @@ from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import ROWS, checked_loops
 from jaxspatial.mechanism.shapes import directions
 from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.linear import Motion, Wrench
 from jaxspatial.numerics.numbers import Mask, Number, high, where
 from jaxspatial.numerics.quantity import tree_of
@@ -71,7 +72,7 @@ def require_closable(
         known = mechanism.frame_placements, distance
         if not are_of_one_body(mechanism, loop) or not all(isinstance(x, np.ndarray) for x in jax.tree.leaves(known)):
             continue
-        with jax.ensure_compile_time_eval():
+        with computed_at_once():
             places = [mechanism.frame_names.index(name) for name in (loop.frame_a, loop.frame_b)]
             X_A, X_B = (jax.tree.map(lambda x, i=i: x[i].astype(dtype), known[0]) for i in places)
             R_A, R_B = X_A.rotation.to_matrix(), X_B.rotation.to_matrix()

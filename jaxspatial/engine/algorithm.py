@@ -32,7 +32,7 @@ from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check, numbers
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
-from jaxspatial.numerics.errorfree.primitives import is_zero
+from jaxspatial.numerics.errorfree.primitives import computed_at_once, is_zero, same_sharding
 from jaxspatial.numerics.formula import from_outside
 from jaxspatial.numerics.numbers import components
 from jaxspatial.numerics.precision import Precision, resolve
@@ -304,7 +304,7 @@ class Algorithm(Differentiable):
         """The results, with n_batch axes of size 1, where no number of the data is part of them."""
 
         def computed() -> list[np.ndarray]:
-            with jax.ensure_compile_time_eval():
+            with computed_at_once():
                 arrays = [jnp.zeros((1, *x.shape), x.dtype) for x in data]
                 return [np.asarray(y[0]) for y in self.traced([jax.typeof(x) for x in arrays])(*arrays)]
 
@@ -503,7 +503,18 @@ def over_batch(function: Callable, *arguments):
 
     for _ in batch:
         of_leaves = jax.vmap(of_leaves)
-    return of_leaves(*check.broadcast_batch(batch, *leaves))
+    arrays = check.broadcast_batch(batch, *leaves)
+    meshes = (jax.typeof(x).sharding.mesh for x in arrays)
+    mesh = next((mesh for mesh in meshes if jax.sharding.AxisType.Explicit in mesh.axis_types), None)
+    if mesh is None:
+        return of_leaves(*arrays)
+
+    def in_mesh(*arrays):
+        """What the function makes of its own is of the mesh of its arguments, which may be nobody's context."""
+        with jax.sharding.use_abstract_mesh(mesh):
+            return of_leaves(*same_sharding(*arrays, components=len(batch)))
+
+    return jax.jit(in_mesh)(*arrays)
 
 
 def velocity_shape(topology: Topology, _: dict[str, Any]) -> Shape:

@@ -40,6 +40,7 @@ import numpy as np
 
 from jaxspatial.engine import llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, mlir
 from jaxspatial.numerics.jax_internals import ir as mlir_ir
 
@@ -1236,7 +1237,7 @@ def is_available() -> bool:
         x = np.arange(1, 8, dtype=np.float32)[:, None]
         device = jax.local_devices(backend="cpu")[0]
         # Whatever the caller forbids, or is in the middle of.
-        with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):
+        with computed_at_once(), jax.default_device(device), jax.transfer_guard("allow"):
             (y,) = jax.jit(lambda x: call(code, [x], 7))(x)
         if np.array_equal(np.asarray(y), x * x):
             del held  # Until here the code has to live.

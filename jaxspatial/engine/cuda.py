@@ -22,6 +22,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from jaxspatial.engine import cpu, llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.jax_internals import custom_partitioning
 
 WARP = 32
@@ -532,7 +533,7 @@ def is_available() -> bool:
         square.results = [np.array([square.operation("mul", (node, node), number)])]
         code = code_of(square, [cpu.Argument(1, number)], [cpu.Result(1, number)], WARP)
         # Whatever the caller forbids, or is in the middle of.
-        with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):
+        with computed_at_once(), jax.default_device(device), jax.transfer_guard("allow"):
             (y,) = jax.jit(lambda x: call(code, [x], len(x)))(x)
         if np.array_equal(np.asarray(y), x * x):
             return True

@@ -18,6 +18,7 @@ from jax import lax
 from jaxspatial.inertia.composition import first, sums_over_items
 from jaxspatial.numerics import check, linear
 from jaxspatial.numerics.check import expanded
+from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import pi
 from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, left_sum
@@ -124,7 +125,7 @@ def evaluated(shape: Callable, precision: PrecisionName, *arrays: jax.Array, **s
     """The formula; where all arrays are known its results are known too, while tracing as well."""
     if not all(isinstance(a, np.ndarray) for a in arrays):
         return shape(precision, *arrays, **static)
-    with jax.ensure_compile_time_eval():
+    with computed_at_once():
         return jax.tree.map(np.asarray, shape(precision, *arrays, **static))
 
 

@@ -29,6 +29,7 @@ from jaxspatial.interop.orders import K
 from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.check import require_kind
+from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.quantity import require_compatible
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
@@ -487,7 +488,7 @@ def key_frames(mechanism: Mechanism, path_or_text, *, assets: Mapping[str, bytes
     from jaxspatial.mechanism.formats import mjcf
 
     found = dict[str, KeyFrame]()
-    with jax.ensure_compile_time_eval():  # of known numbers, also while somebody traces
+    with computed_at_once():  # of known numbers, also while somebody traces
         for part in mjcf.read_key_frames(path_or_text, assets):
             qpos, qvel, ctrl = (x.astype(mechanism.dtype) for x in part[1:])
             q = from_qpos(mechanism, qpos)

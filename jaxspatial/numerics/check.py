@@ -120,11 +120,14 @@ def as_float_array(x, name: str, dtype: DTypeLike | None = None, *, keep_dtype: 
     array: Any = x if isinstance(x, jax.Array) else _as_array(x, name, dtype)
     if not _is_floating(array.dtype):
         advice = ""
-        if np.dtype(array.dtype).kind in "iubf":
+        # Of a key of `jax.random` the dtype is none of NumPy's.
+        if any(jnp.issubdtype(array.dtype, kind) for kind in (bool, jnp.integer, jnp.floating)):
             meant = np.dtype(jax.dtypes.canonicalize_dtype(float) if dtype is None else dtype).name
             advice = f"; convert with .astype({meant!r})" if isinstance(x, ARRAYS) else "; write 1.0 for 1"
         raise TypeError(f"{name}: expected floating point ({_FLOATS}), got {array.dtype}{advice}")
     if isinstance(array, NUMPY):
+        if not array.dtype.isnative:  # Files may have the bytes of a number in the other order, which JAX refuses.
+            array = array.astype(array.dtype.newbyteorder("="))
         if keep_dtype:
             return array
         # NumPy's scalar of float64 is a Python float too: nobody asked for its digits.
@@ -142,7 +145,7 @@ def floating_dtype(*arguments) -> np.dtype | None:
 
 @functools.cache
 def _is_floating(dtype: DTypeLike) -> bool:
-    return jnp.issubdtype(dtype, jnp.floating) and np.dtype(dtype).itemsize <= 8
+    return jnp.issubdtype(dtype, jnp.floating) and 2 <= np.dtype(dtype).itemsize <= 8
 
 
 def _as_array(x, name: str, dtype: DTypeLike | None):

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import jax
 from jax.core import ShapedArray as ShapedArray
+from jax.core import eval_context as eval_context
 from jax.experimental.custom_partitioning import custom_partitioning as custom_partitioning
 from jax.experimental.xla_metadata import set_xla_metadata as set_xla_metadata  # pyright: ignore: it has no stub
 from jax.extend.core import ClosedJaxpr as ClosedJaxpr

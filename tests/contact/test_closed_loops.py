@@ -370,6 +370,17 @@ def test_each_state_ends_by_itself():
     assert np.isnan(both[20]).all() and (both[21:] != close(far, 8)[1:]).any()
 
 
+def test_a_mesh_that_only_an_argument_has():
+    """Explicit axes, and no mesh in the context: what is no array of the caller's is of the mesh, too."""
+    mesh = jax.make_mesh((1,), ("batch",), axis_types=(jax.sharding.AxisType.Explicit,))
+    mech = js.testing.random_mechanism(0, 2, ["revolute"], is_chain=True, dtype=np.float64)
+    q, loops = np.array([[0.1, 0.2], [0.3, -0.4]]), [closure("distance", "world", "body1")]
+    q_on_mesh = jax.device_put(q, jax.NamedSharding(mesh, jax.P("batch")))
+    found = js.close_loops(mech, q_on_mesh, loops, iterations=2)
+    assert found.q.sharding.spec[0] == "batch"
+    np.testing.assert_array_equal(found.q, js.close_loops(mech, q, loops, iterations=2).q)
+
+
 @pytest.mark.parametrize("name", slow_but(["four-bar", "five-bar", "hinges"], closed_loops.BODIES))
 def test_loops_close_quadratically(name):
     """From 0.1 rad off. The residual is told at every number of iterations, and is that of the error."""

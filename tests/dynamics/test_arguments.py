@@ -69,6 +69,19 @@ def test_lists_of_integers_are_numbers():
             js.bias_forces(MECH, given, jnp.arange(2))
 
 
+@pytest.mark.parametrize("dtype", [">f4", ">f2", ">i4"])
+def test_bytes_of_numbers_in_the_other_order(dtype):
+    """As files may have them. JAX takes none."""
+    given, same = np.array([1, 2], dtype), np.array([1, 2], dtype[1:])
+    F = js.SpatialForce(given[[0, 1, 1]], given[[1, 1, 0]])
+    assert F.dtype == (np.float16 if dtype == ">f2" else np.float32) and F.to_array().tolist() == [1, 2, 2, 2, 2, 1]
+    assert js.from_double_word(js.to_double_word(given)).tolist() == [1, 2]
+    mech = MECH if dtype != ">f2" else MECH.astype(np.float16)
+    for run in (lambda f: f(), lambda f: jax.jit(f)()):
+        found, expected = (run(lambda x=x: js.gravity_forces(mech, x)) for x in (given, same))
+        np.testing.assert_array_equal(found, expected)
+
+
 def test_numbers_of_a_mechanism_are_no_integers_of_jax():
     with pytest.raises(TypeError, match=r"^Mechanism.replace: gravity: expected floating point .*'float32'"):
         MECH.replace(gravity=jnp.asarray([0, 0, -9]))

@@ -128,6 +128,16 @@ def test_each_state_of_a_batch_ends_by_itself():
     assert (more.iterations[is_solved] == once.iterations[is_solved]).all() and (more.iterations[~is_solved] > 20).all()
 
 
+def test_starts_are_split_over_a_mesh_and_targets_are_not():
+    """Explicit axes, and no mesh in the context."""
+    mesh = jax.make_mesh((1,), ("batch",), axis_types=(jax.sharding.AxisType.Explicit,))
+    split, whole = (jax.NamedSharding(mesh, spec) for spec in (jax.P("batch"), jax.P()))
+    q, p = jax.device_put(np.zeros((2, 2), np.float32), split), jax.device_put(np.ones((2, 3), np.float32), whole)
+    find = functools.partial(js.inverse_kinematics, arm(n=2))
+    found = jax.eval_shape(lambda q, p: find(q, "hand", p).q, q, p)
+    assert found.shape == (2, 2) and found.sharding.spec[0] == "batch"
+
+
 def test_each_key_has_starts_of_its_own():
     """Mapped over keys, with one start and target for all: after one step from each, where the best is depends on where
     its key began. The same key finds the same."""

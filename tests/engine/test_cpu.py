@@ -129,6 +129,19 @@ def test_it_is_found_out_while_jax_traces_too():
     assert cpu.is_available.cache_info().currsize == 1
 
 
+def test_it_is_found_out_on_a_mesh_too():
+    """Of which no device is known, and in the middle of a `shard_map` outside of `jit`."""
+    mesh = jax.make_mesh((1,), ("batch",), axis_types=(jax.sharding.AxisType.Explicit,))
+
+    def found(x):
+        cpu.is_available.cache_clear()
+        return x + int(cpu.is_available())
+
+    with jax.sharding.use_abstract_mesh(mesh.abstract_mesh):
+        assert found(0) == 1
+    assert jax.shard_map(found, mesh=mesh, in_specs=jax.P(), out_specs=jax.P())(0) == 1
+
+
 def test_it_warns_once_where_it_is_not(monkeypatch):
     monkeypatch.setattr(cpu, "_PROBE", cpu._PROBE.replace("fmul", "fadd"))
     cpu.is_available.cache_clear()

@@ -580,3 +580,19 @@ def test_a_program_of_a_mechanism_is_exported():
     again = jax.export.deserialize(exported.serialize())
     heavier = mech.replace(gravity=2 * mech.gravity)
     np.testing.assert_allclose(again.call(heavier, q), interpreted(js.gravity_forces)(heavier, q), rtol=1e-6)
+
+
+def test_known_numbers_stay_known_inside_a_shard_map_outside_of_jit():
+    """There JAX runs operation by operation, and holds all that is computed for spread over devices."""
+    ball = js.SpatialInertia.solid_sphere(np.float32(0.1), mass=np.float32(2))
+    still = js.Mechanism.build([js.Body("b", ball)], [js.Joint("j", "fixed", "world", "b")], dtype=np.float32)
+
+    def made(x):
+        rod = js.SpatialInertia.thin_rod(1.0, mass=2.0, axis=[1.0, 1.0, 0.0])
+        mech = js.lock_joints(js.testing.random_mechanism(0, 2, ["revolute"], dtype=np.float32), {"joint0": 0.3})
+        return x + js.kinetic_energy(still, x[:0], x[:0]) + (rod + ball).mass + mech.placements.translation[0, 0]
+
+    mesh = jax.make_mesh((1,), ("batch",), axis_types=(jax.sharding.AxisType.Auto,))
+    x = np.zeros(1, np.float32)
+    found = jax.shard_map(made, mesh=mesh, in_specs=jax.P("batch"), out_specs=jax.P("batch"))(x)
+    np.testing.assert_array_equal(found, made(x))

@@ -59,6 +59,9 @@ NOT_NUMBERS = {
     "booleans": ([True, False, True], "bool"),
     "boolean_array": (np.ones(3, bool), "bool"),
     "booleans_and_integers": ([True, 2, 3], "int64"),
+    "eight_bits": (np.ones(3, jnp.float8_e4m3fn), "float8_e4m3fn"),
+    "eight_bits_jax": (jnp.ones(3, jnp.float8_e4m3fn), "float8_e4m3fn"),
+    "key": (jax.random.key(0), "key<fry>"),
 }
 not_numbers = pytest.mark.parametrize(("bad", "shown"), NOT_NUMBERS.values(), ids=NOT_NUMBERS)
 

@@ -18,6 +18,7 @@ from jaxspatial.numerics.jax_internals import (
     ad,
     batching,
     def_linearization,
+    eval_context,
     mlir,
     set_xla_metadata,
 )
@@ -204,6 +205,14 @@ def no_tangent(x):
 def rule(function: Callable[..., Sequence[Array]]) -> Callable:
     """The lowering rule of a primitive: `function(*arrays, **parameters)` returns a list of arrays."""
     return functools.partial(unsharded, lower_fun(function, multiple_results=True))
+
+
+@contextlib.contextmanager
+def computed_at_once() -> Iterator[None]:
+    """What is computed of known numbers meanwhile is known, whatever JAX is in the middle of: a trace, or a `shard_map`
+    outside of `jit`. Traced numbers may not come in."""
+    with eval_context(), jax.ensure_compile_time_eval(), jax.sharding.use_abstract_mesh(_NO_MESH):
+        yield
 
 
 def n_devices(context) -> int:

@@ -326,7 +326,9 @@ def _as_double_word(leaf, dtype: DTypeLike | None):
         return leaf if dtype is None else leaf.astype(dtype)
     if not is_floating(leaf):
         return leaf
-    if isinstance(leaf, (float, np.ndarray, np.generic)):
+    if isinstance(leaf, (np.ndarray, np.generic)):
+        leaf = check.as_float_array(leaf, "to_double_word: x", keep_dtype=True)
+    if isinstance(leaf, (float, np.ndarray)):
         return of_limbs(jnp.array(limb) for limb in of_numbers(leaf, dtype or jnp.result_type(leaf)))
     x = of_limbs(with_zero(barrier_or_nan(check.as_float_array(leaf, "to_double_word: x"))))
     return x if dtype is None else x.astype(dtype)
@@ -392,9 +394,7 @@ def is_floating(x) -> bool:
 
 def known_dtype(dtype: DTypeLike) -> np.dtype:
     """A dtype as NumPy's, of floating point, and one that JAX knows as things are set."""
-    dtype = np.dtype(dtype)
-    if not jnp.issubdtype(dtype, jnp.floating):
-        raise TypeError(f"dtype: expected float16, bfloat16, float32 or float64, got {dtype}")
+    dtype = check.as_dtype(dtype)
     if jax.dtypes.canonicalize_dtype(dtype) != dtype:
         raise TypeError(f"dtype: expected one that JAX has switched on, got {dtype}; see jax.enable_x64")
     return dtype

@@ -18,6 +18,7 @@ from jax import Array, lax
 
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.barrier import difference, fixed_sum, product, quotient, root
+from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.precision import Precision
 
 # What operators do to arrays of one shape and dtype, without asking: JAX traces it in half of the time. In "fast" the
@@ -51,7 +52,7 @@ def uniform(column: np.ndarray):
 @contextlib.contextmanager
 def in_double():
     """Within, numbers that are known stay known, also while JAX traces a function around; in float64."""
-    with jax.ensure_compile_time_eval(), jax.enable_x64(True):
+    with computed_at_once(), jax.enable_x64(True):
         yield
 
 
