@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import BeyondNumbers
+from jaxspatial.numerics import eigen
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.rotation import Rotation
@@ -355,7 +356,7 @@ def _weightless(mechanism: Any) -> list[int]:
     """The joints with a velocity along which what they carry has no inertia, at coordinates that were drawn."""
     t, M = mechanism.topology, mechanism.inertias
     n, mass = len(t), np.asarray(M.mass, float)
-    central = np.asarray(M.central, float)[:, [0, 1, 3, 1, 2, 4, 3, 4, 5]].reshape(n, 3, 3)
+    central = np.asarray(eigen.matrix_of_six(M.central), float)
     largest = abs(central).max((1, 2), initial=0.0)
     smallest = np.linalg.eigvalsh(central)[:, :1].min(1, initial=np.inf)
     # A solid body has inertia along everything that moves it.
