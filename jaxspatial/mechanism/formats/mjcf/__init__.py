@@ -45,7 +45,8 @@ from jaxspatial.mechanism.formats.mjcf.file import File
 from jaxspatial.mechanism.formats.mjcf.geoms import read_height_field as read_height_field
 from jaxspatial.mechanism.formats.mjcf.geoms import read_shapes as read_shapes
 from jaxspatial.mechanism.formats.mjcf.parts import read_parts
-from jaxspatial.mechanism.formats.source import Made, built, doubt_inertias
+from jaxspatial.mechanism.formats.source import Made, built
+from jaxspatial.mechanism.formats.weightless import doubt_weightless
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.numerics.types import DTypeLike
 
@@ -64,6 +65,6 @@ def read(
     with in_double():
         *parts, loops, tendons = read_parts(file)
     mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops, tendons)
-    doubt_inertias(file, mechanism)
+    doubt_weightless(file, mechanism)
     file.warn()
     return mechanism
