@@ -41,7 +41,7 @@ def spheres(operation: str, contacts: Any) -> tuple[tuple[str, ...], np.ndarray,
     return contacts.frames, p, np.broadcast_to(np.asarray(contacts.radius, float), n)
 
 
-# -- the ground --------------------------------------------------------------------------------------------------------
+# -- the ground -------------------------------------------------------------------------------------------------------
 
 
 def plane(operation: str, ground: HalfSpace) -> tuple[np.ndarray, float]:
