@@ -90,7 +90,8 @@ def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Arra
         >>> print(js.distance(js.Box([2.0, 2.0, 2.0]), js.Sphere(0.5, aside)))
         1.5
     """
-    return _of(a, b, "distance")[0](precision)
+    apart, _ = _distance_and_points(a, b, "distance")
+    return apart(precision)
 
 
 def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> ClosestPoints:
@@ -120,10 +121,11 @@ def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> Cl
         >>> print(found.point_a, found.point_b)
         [1. 0. 0.] [2.5 0.  0. ]
     """
-    return _of(a, b, "closest_points")[1](precision)
+    _, points = _distance_and_points(a, b, "closest_points")
+    return points(precision)
 
 
-def _of(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _distance_and_points(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """(the distance, the ClosestPoints) of two shapes, as functions of the precision."""
     for name, x in (("a", a), ("b", b)):
         if not isinstance(x, Shape):
