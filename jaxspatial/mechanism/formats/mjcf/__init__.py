@@ -40,7 +40,7 @@ from typing import Any
 
 from jaxspatial.mechanism.formats.mjcf.actuators import read_actuators as read_actuators
 from jaxspatial.mechanism.formats.mjcf.actuators import read_key_frames as read_key_frames
-from jaxspatial.mechanism.formats.mjcf.checks import check_representable, leave_out
+from jaxspatial.mechanism.formats.mjcf.checks import check_representable, leave_out_the_rest
 from jaxspatial.mechanism.formats.mjcf.file import File
 from jaxspatial.mechanism.formats.mjcf.geoms import read_height_field as read_height_field
 from jaxspatial.mechanism.formats.mjcf.geoms import read_shapes as read_shapes
@@ -61,7 +61,7 @@ def read(
     """Reads an MJCF for `Mechanism.from_mjcf`: the same arguments and errors, and `Mechanism.build`."""
     file = File(path_or_text, assets, dtype, strict)
     check_representable(file)
-    leave_out(file)
+    leave_out_the_rest(file)
     with in_double():
         *parts, loops, tendons = read_parts(file)
     mechanism = built(build, file.refuse_part, *parts, file.gravity, dtype, loops, tendons)

@@ -90,7 +90,7 @@ def _check_joints(file: File):
             file.refuse("joint", j, "damping: expected one number, forces are linear in the rate here")
 
 
-def leave_out(file: File):
+def leave_out_the_rest(file: File):
     """Lists what is no part of a mechanism."""
     m = file.model
     for what, count in _LEFT_OUT.items():

@@ -111,14 +111,15 @@ def solved(file: File) -> tuple[dict[int, _Follower], list[_Equation]]:
     """
     followers, others = dict[int, _Follower](), list[_Equation]()
     for equation in sorted(_equations(file), key=lambda x: len(x.joints) != 2):
-        i, (j, *_), (c1, *_), _ = equation
-        if len(equation.joints) == 2 and (j in followers or _last(followers, equation.joints[1]).leader == j):
-            equation = _over_leaders(file, followers, equation)
-            if equation is None:
-                continue
-            (j, *_), (c1, *_) = equation.joints, equation.c
         if len(equation.joints) == 2:
-            followers[j] = _Follower(equation.joints[1], -float(equation.c[1]) / float(c1), equation.length / float(c1))
+            j, leader = equation.joints
+            if j in followers or _last(followers, leader).leader == j:
+                equation = _over_leaders(file, followers, equation)
+                if equation is None:
+                    continue
+        if len(equation.joints) == 2:
+            (j, leader), (c1, c2) = equation.joints, equation.c.tolist()
+            followers[j] = _Follower(leader, -c2 / c1, equation.length / c1)
         elif _over_leaders(file, followers, equation):
             others.append(equation)
     for j in followers:
