@@ -134,7 +134,8 @@ def _jacobi(six: Symmetric) -> tuple[Sequence[Number], Matrix]:
         return *Symmetric.of_matrix(a), *columns.T.entries
 
     result = repeated(sweep, sweeps, [as_data(x, shape) for x in start])
-    return (result[0], result[2], result[5]), Matrix.of_entries(result[6:])
+    six = Symmetric(*result[:6])
+    return (six.xx, six.yy, six.zz), Matrix.of_entries(result[6:])
 
 
 def _rotated(a: Matrix, columns: Matrix, i: int, j: int) -> tuple[Matrix, Matrix]:
