@@ -20,12 +20,24 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from jaxspatial._drawing import BODY, FORCE, GROUND, INERTIA, JOINT, TORQUE, XYZ, meshes, plane, spheres, wrenches
+from jaxspatial._drawing import (
+    BODY,
+    FORCE,
+    GROUND,
+    INERTIA,
+    JOINT,
+    TORQUE,
+    XYZ,
+    meshes,
+    plane,
+    spheres,
+    surface,
+    wrenches,
+)
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts
-from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import RigidTransform, SpatialForce, central_axis

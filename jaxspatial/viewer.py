@@ -20,11 +20,10 @@ import jax
 import numpy as np
 
 from jaxspatial import _drawing
-from jaxspatial._drawing import meshes, plane, spheres, wrenches
+from jaxspatial._drawing import meshes, plane, spheres, surface, wrenches
 from jaxspatial.dynamics.kinematics import forward_kinematics
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts
-from jaxspatial.mechanism.surface import surface
 from jaxspatial.numerics import check
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import act_inverse

@@ -21,7 +21,7 @@ from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle
 from jaxspatial.numerics import check, elimination
-from jaxspatial.numerics.linear import Matrix, Motion, Symmetric, Vector, Wrench, cross, dot
+from jaxspatial.numerics.linear import WHICH_OF_SIX, Matrix, Motion, Symmetric, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
     Number,
     Numbers,
@@ -221,7 +221,7 @@ def _with_known_zeros(P: Articulated, s: Motion, armature: Number) -> Articulate
         return [constant(armature, 0) if i in places else x for i, x in enumerate(numbers)]
 
     k = known.index(1)
-    i, of_symmetric = k % 3, ((0, 1, 3), (1, 2, 4), (3, 4, 5))[k % 3]
+    i, of_symmetric = k % 3, WHICH_OF_SIX[k % 3]
     if k < 3:
         F = Matrix.of_entries(zeroed(P.F.entries, range(3 * i, 3 * i + 3)))
         return Articulated(Symmetric(*zeroed(P.J, of_symmetric)), F, P.M)

@@ -146,8 +146,9 @@ def _of_body(inertia: Inertia, motion: BodyMotion, load: Load) -> CompositeBody:
     """
     tau, f, (load_rate, in_world) = load
     J = of_body(inertia).J
-    half_trace = doubled(J.xx + J.yy + J.zz, -1)
-    sigma = J._make(half_trace - x if i in (0, 2, 5) else -x for i, x in enumerate(J))
+    xx, xy, yy, xz, yz, zz = J
+    half_trace = doubled(xx + yy + zz, -1)
+    sigma = J._make((half_trace - xx, -xy, half_trace - yy, -xz, -yz, half_trace - zz))
     X = skew(_twice(-motion.w)) @ sigma
     p = cross(motion.w, inertia.mass * inertia.com)
     return CompositeBody(inertia, wrench_of(inertia, motion) - Wrench(tau, f), X, p, load_rate, in_world)

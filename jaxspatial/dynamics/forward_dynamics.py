@@ -103,7 +103,7 @@ class ForwardDynamics(Algorithm):
         at, moving = self.with_leaf(primals, tau, vdot), self.with_leaf(tangents, tau, None)
         (tau_dot,) = self.program_of(inverse_dynamics_of, at=tau).tangents(at, moving, n_batch)
         of_tau = None if self.known[tau] is not None else tangents[self.place(tau)]
-        force = less(None if of_tau is None or is_zero(of_tau) else of_tau, tau_dot)
+        force = difference_of(None if of_tau is None or is_zero(of_tau) else of_tau, tau_dot)
         if force is None:
             return [no_tangent(primals[-1])]
         solve = self.program_of(_solve, arrays=2 + len(factors))
@@ -127,7 +127,7 @@ class Solve(Algorithm):
         *at, force = primals
         n = self.place(self.n_fields + 1)
         (tau_dot,) = self.program_of(_mass_times, arrays=2).tangents([*at[:n], a], [*tangents[:n], None], n_batch)
-        force = less(None if is_zero(tangents[-1]) else tangents[-1], tau_dot)
+        force = difference_of(None if is_zero(tangents[-1]) else tangents[-1], tau_dot)
         return [a], [no_tangent(a) if force is None else bind(self, [*at, force], n_batch)[0]]
 
     def batched(
@@ -168,8 +168,8 @@ class OverColumns(program.Program):
         return [jnp.moveaxis(x, 0, 1)]
 
 
-def less(a: jax.Array | None, b: jax.Array | None):
-    """The difference of two tangents; None stands for zero."""
+def difference_of(a: jax.Array | None, b: jax.Array | None):
+    """a - b, of tangents of which None stands for zero."""
     return a if b is None else -b if a is None else a + -b
 
 

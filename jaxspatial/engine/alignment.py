@@ -11,10 +11,7 @@ import numpy as np
 
 from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism.topology import Topology
-
-# The index of each entry of a symmetric matrix among its six numbers, and the row and column of each number.
-_SYMMETRIC = np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])
-_ROWS, _COLUMNS = np.array([0, 1, 1, 2, 2, 2]), np.array([0, 0, 1, 0, 1, 2])
+from jaxspatial.numerics.linear import PLACES, WHICH_OF_SIX
 
 # (which, sign): see `quarter_turns`.
 QuarterTurns = tuple[np.ndarray, np.ndarray]
@@ -97,5 +94,5 @@ def _of_matrices(rows: QuarterTurns, columns: QuarterTurns) -> QuarterTurns:
 
 def _of_symmetric(turns: QuarterTurns) -> QuarterTurns:
     """The turns (n, 6) of symmetric matrices, the lower triangle by rows."""
-    which, sign = turns
-    return _SYMMETRIC[which[:, _ROWS], which[:, _COLUMNS]], sign[:, _ROWS] * sign[:, _COLUMNS]
+    (which, sign), (rows, columns) = turns, np.transpose(PLACES)
+    return np.array(WHICH_OF_SIX)[which[:, rows], which[:, columns]], sign[:, rows] * sign[:, columns]

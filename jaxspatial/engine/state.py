@@ -21,7 +21,7 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism.joints import CosSin, JointKind, Parameter
 from jaxspatial.mechanism.topology import Bundle, Topology
 from jaxspatial.numerics import check, linear, numbers
-from jaxspatial.numerics.formula import as_array, of_terms
+from jaxspatial.numerics.formula import converted, of_terms
 from jaxspatial.numerics.functions import cosine_sine
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector
 from jaxspatial.numerics.numbers import Number, Numbers, where
@@ -286,7 +286,7 @@ class MechanismState:
     def rounded(self, x) -> Any:
         """Rounds a number, or a tuple of numbers, to an array (..., B) of the dtype of q. Arrays pass unchanged."""
         if numbers.is_number(x):
-            array = jnp.asarray(as_array(x, self.dtype))
+            array = jnp.asarray(converted(numbers.high(x), self.dtype))
             return jnp.broadcast_to(array, (*array.shape[:-1], self.n))
         if is_vector(x):
             return jnp.stack([self.rounded(c).reshape((self.n,)) for c in x])

@@ -16,6 +16,7 @@ from jaxspatial.numerics.check import as_matrices, expanded, refuse, require_kin
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import (
     PLACES,
+    WHICH_OF_SIX,
     Articulated,
     Inertia,
     Matrix,
@@ -54,7 +55,7 @@ Motions = SpatialVelocity | Sequence[SpatialVelocity]  # of one joint: a list ha
 
 # Where among the 21 entries those of a 6 x 6 matrix are, and these in it: rotational and translational in the lower
 # triangle, the coupling, transposed, in the lower left block.
-_ROTATIONAL, _TRANSLATIONAL = (np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]]) + first for first in (0, 15))
+_ROTATIONAL, _TRANSLATIONAL = (np.array(WHICH_OF_SIX) + first for first in (0, 15))
 _COUPLING = np.arange(6, 15).reshape(3, 3)
 _TO_MATRIX = np.block([[_ROTATIONAL, _COUPLING], [_COUPLING.T, _TRANSLATIONAL]]).ravel().astype(np.int32)
 _OF_MATRIX = np.array([0, 6, 7, 12, 13, 14, 18, 24, 30, 19, 25, 31, 20, 26, 32, 21, 27, 28, 33, 34, 35], np.int32)

@@ -16,16 +16,17 @@ import numpy as np
 from jaxspatial.numerics import eigen, linear
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import exp, log
-from jaxspatial.numerics.linear import PLACES, Inertia, Matrix, Symmetric, Vector, left_sum, skew
+from jaxspatial.numerics.linear import PLACES, WHICH_OF_SIX, Inertia, Matrix, Symmetric, Vector, left_sum, skew
 from jaxspatial.numerics.numbers import Mask, Number, Numbers, constant, halved, high, times_power_of_two, where
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.spatial import algebra
 
 # Where the ten dynamic parameters stand in a 6 x 6 matrix, and in a pseudo-inertia m, m c, and Sigma.
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
-OF_SIX_BY_SIX = np.array([21, 16, 5, 9, 0, 6, 7, 12, 13, 14], np.int32)
-OF_PSEUDO = np.array([15, 3, 7, 11, 0, 4, 5, 8, 9, 10], np.int32)
-_TO_PSEUDO = np.array([0, 1, 3, 6, 1, 2, 4, 7, 3, 4, 5, 8, 6, 7, 8, 9], np.int32)
+OF_SIX_BY_SIX = np.array([21, 16, 5, 9, *(6 * i + k for i, k in PLACES)], np.int32)
+OF_PSEUDO = np.array([15, 3, 7, 11, *(4 * i + k for i, k in PLACES)], np.int32)
+# Where the entries of a pseudo-inertia stand among Sigma, m c, m.
+_TO_PSEUDO = np.array([*([*row, 6 + i] for i, row in enumerate(WHICH_OF_SIX)), [6, 7, 8, 9]], np.int32).ravel()
 
 
 # -- sums of products: from the centre of mass to the origin ----------------------------------------------------------

@@ -21,7 +21,7 @@ from jaxspatial.numerics.check import expanded
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import pi
-from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, cross, dot, left_sum
+from jaxspatial.numerics.linear import PLACES, Matrix, Symmetric, Vector, cross, dot, left_sum
 from jaxspatial.numerics.numbers import Number, Numbers, constant, high, noinline_pairs, where
 from jaxspatial.numerics.numbers.double_word import from_double_word
 from jaxspatial.numerics.promise import Normwise, OfSum, Promise
@@ -271,10 +271,8 @@ def _determinant(a: Vector, b: Vector, c: Vector) -> Number:
 @noinline_pairs
 def _squares(m: Number, edges: Sequence[Vector]) -> Symmetric:
     """m times the sum of e e^T."""
-    return Symmetric(*(left_sum([m * e[i] * e[j] for e in edges]) for i, j in _PAIRS))
+    return Symmetric(*(left_sum([m * e[k] * e[i] for e in edges]) for i, k in PLACES))
 
-
-_PAIRS = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 # -- meshes: signed tetrahedra from the middle to each triangle -------------------------------------------------------
 
@@ -358,7 +356,7 @@ def _moments(corners: Matrix, middle: Vector) -> Numbers:
     a, b, c = (_difference(p, middle) for p in (a, b, c))
     d = dot(a, cross(*edges))
     s = a + b + c
-    squares = (d * left_sum([p[i] * p[j] for p in (s, a, b, c)]) for i, j in _PAIRS)
+    squares = (d * left_sum([p[k] * p[i] for p in (s, a, b, c)]) for i, k in PLACES)
     return d, *(d * s), *squares
 
 
@@ -366,5 +364,5 @@ def _moments(corners: Matrix, middle: Vector) -> Numbers:
 def _about_center(m: Number, d: Number, arm: Vector, squares: Symmetric, middle: Vector) -> tuple[Vector, Symmetric]:
     """(com, central) from the sums over all tetrahedra."""
     c = Vector(*(x / (4 * d) for x in arm))
-    six = Symmetric(*(m * (x / (20 * d) - c[i] * c[j]) for x, (i, j) in zip(squares, _PAIRS, strict=True)))
+    six = Symmetric(*(m * (x / (20 * d) - c[k] * c[i]) for x, (i, k) in zip(squares, PLACES, strict=True)))
     return middle + c, six.trace_minus()

@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import orders
+from jaxspatial.numerics import eigen
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialAcceleration, SpatialForce, SpatialMomentum, SpatialVelocity
@@ -201,7 +202,7 @@ def to_inertia(M: SpatialInertia):
     """
     mass, com, six = (orders.single(x, "pinocchio.to_inertia") for x in M._vectors)
     Y = _library().Inertia.Zero()
-    Y.mass, Y.lever, Y.inertia = mass[0], com, six[np.array([[0, 1, 3], [1, 2, 4], [3, 4, 5]])]
+    Y.mass, Y.lever, Y.inertia = mass[0], com, eigen.matrix_of_six(six)
     return Y
 
 

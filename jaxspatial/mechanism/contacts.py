@@ -15,7 +15,9 @@ from jaxspatial.numerics.types import ArrayLike, DTypeLike
 if TYPE_CHECKING:
     from jaxspatial.mechanism.mechanism import Mechanism
 
-_PARAMETERS = ("radius", "stiffness", "relaxation_time", "friction")
+# The numbers of the law of contact.
+LAW = "stiffness", "relaxation_time", "friction"
+_PARAMETERS = "radius", *LAW
 
 
 @exported_tree_of("frames")

@@ -32,7 +32,7 @@ from jaxspatial.numerics.types import PrecisionName
 
 # In units of eps and of the largest length: lines that are as near cross, and edges that are as parallel have no common
 # perpendicular.
-NONE = 4
+_ROUNDING = 4
 
 
 @exported
@@ -90,7 +90,8 @@ def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Arra
         >>> print(js.distance(js.Box([2.0, 2.0, 2.0]), js.Sphere(0.5, aside)))
         1.5
     """
-    return _of(a, b, "distance")[0](precision)
+    apart, _ = _distance_and_points(a, b, "distance")
+    return apart(precision)
 
 
 def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> ClosestPoints:
@@ -120,10 +121,11 @@ def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> Cl
         >>> print(found.point_a, found.point_b)
         [1. 0. 0.] [2.5 0.  0. ]
     """
-    return _of(a, b, "closest_points")[1](precision)
+    _, points = _distance_and_points(a, b, "closest_points")
+    return points(precision)
 
 
-def _of(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _distance_and_points(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """(the distance, the ClosestPoints) of two shapes, as functions of the precision."""
     for name, x in (("a", a), ("b", b)):
         if not isinstance(x, Shape):
@@ -346,7 +348,7 @@ def _of_two_lines(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[
     n = Vector(*(where(is_parallel, x, y) for x, y in zip(X_A.R.T.x, n, strict=True)))
     eps = float(check.finfo(h_a.dtype).eps)
     zero = constant(h_a, 0)
-    touch = where(least <= (NONE * eps) ** 2, constant(h_a, 1), zero)
+    touch = where(least <= (_ROUNDING * eps) ** 2, constant(h_a, 1), zero)
     return [Vector(zero, zero, _quotient(s, h_a)), Vector(zero, zero, _quotient(t, h_b)), n, (touch,)]
 
 
@@ -367,7 +369,7 @@ def _across(a: Vector, b: Vector) -> tuple[Vector, Any]:
     small = Vector(*(where(is_acute, y, x) for x, y in zip(u, v, strict=True)))
     small = small - (dot(small, large) / dot(large, large)) * large
     eps = float(check.finfo(a.x.dtype).eps)
-    is_parallel = high(dot(small, small)) <= (NONE * eps) ** 2
+    is_parallel = high(dot(small, small)) <= (_ROUNDING * eps) ** 2
     product = cross(large, small)
     return unit(Vector(*(where(is_parallel, float(i == 0), x) for i, x in enumerate(product)))), is_parallel
 
@@ -400,7 +402,7 @@ def _gap(p: Vector, R: Matrix, half_a: Vector, half_b: Vector, is_line: bool) ->
             widest, normal = gap, outward
             continue
         # Rounding errors do not choose an edge in place of a face.
-        is_wider = gap > widest + NONE * float(check.finfo(p.x.dtype).eps)
+        is_wider = gap > widest + _ROUNDING * float(check.finfo(p.x.dtype).eps)
         is_wider = is_wider if is_none is None else is_wider & ~is_none
         widest = where(is_wider, gap, widest)
         normal = Vector(*(where(is_wider, x, y) for x, y in zip(outward, normal, strict=True)))
@@ -532,8 +534,8 @@ def _root(slope: Callable[[Any], Any], low, high):
     return lax.custom_root(slope, low, bisected, inverse)
 
 
-def _across_z(v: Vector) -> Number:
-    """The length of (x, y)."""
+def _from_axis(v: Vector) -> Number:
+    """The distance of a point from the axis z."""
     square = v.x * v.x + v.y * v.y
     is_zero = high(square) == 0
     return where(is_zero, 0.0, where(is_zero, 1.0, square).sqrt())
@@ -543,7 +545,7 @@ def _across_z(v: Vector) -> Number:
 def _pull(c: Vector, e: Vector, s: Numbers, half: Vector) -> list[Any]:
     """Of the points c + s e: the derivative by s of half the squared distance from a cylinder. It never falls."""
     at = c + s[0] * e
-    rho = _across_z(at)
+    rho = _from_axis(at)
     is_beside = high(rho) > high(half.x)
     outward = (rho - half.x) / where(is_beside, rho, 1.0) * (at.x * e.x + at.y * e.y)
     return [(where(is_beside, outward, 0.0) + (at.z - clipped(at.z, half.z)) * e.z,)]
@@ -553,7 +555,7 @@ def _pull(c: Vector, e: Vector, s: Numbers, half: Vector) -> list[Any]:
 def _point_to_cylinder(c: Vector, e: Vector, s: Numbers, half: Vector) -> list[Any]:
     """(shares of the cylinder, the squared distance) of the points c + s e."""
     at = c + s[0] * e
-    rho = _across_z(at)
+    rho = _from_axis(at)
     per = where(high(rho) > high(half.x), rho, half.x)
     nearest = Vector(_quotient(at.x, per), _quotient(at.y, per), _quotient(clipped(at.z, half.z), half.z))
     w = at - _times(half, nearest)
@@ -641,7 +643,7 @@ def _on_rims(v: Vector, sides: Numbers) -> Vector:
 def _gap_along(n: Vector, p: Vector, R: Matrix, half_a: Vector, half_b: Vector) -> list[Any]:
     """(the direction n or -n, from a cylinder B to a box A, the gap between them along it)."""
     along = dot(p, n)
-    gap = abs(along) - half_b.x * _across_z(n) - half_b.z * abs(n.z)
+    gap = abs(along) - half_b.x * _from_axis(n) - half_b.z * abs(n.z)
     for k, half in enumerate(half_a):
         gap = gap - half * abs(dot(R.T[k], n))
     return [Vector(*(where(along < 0, -x, x) for x in n)), (gap,)]
@@ -675,9 +677,9 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     normals, gaps = _gap_along(precision, normals, center, R_, own, other)
     # Rounding errors do not choose an edge in place of a face.
     is_face = np.arange(gaps.shape[-2]) < len(faces)
-    margin = is_face * dtype.type(NONE * float(check.finfo(dtype).eps))
+    margin = is_face * dtype.type(_ROUNDING * float(check.finfo(dtype).eps))
     n, gap = _taken(jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1), normals, gaps)
-    is_in = gap < NONE * float(check.finfo(dtype).eps)
+    is_in = gap < _ROUNDING * float(check.finfo(dtype).eps)
     moved: Any = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
 
     centers = _placed(precision, Pose(R_, moved), own, middles)

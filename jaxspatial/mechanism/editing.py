@@ -13,7 +13,7 @@ from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.assembly import composed, is_identity, or_identity
 from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.mechanism import Mechanism
-from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint
+from jaxspatial.mechanism.parts import PER_VELOCITY, WORLD, Body, Frame, Joint
 from jaxspatial.mechanism.tendons import Tendon
 from jaxspatial.numerics import check
 from jaxspatial.numerics.linear import unit
@@ -24,7 +24,6 @@ from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act_inverse
 
-_PER_VELOCITY = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
 # {field of a Joint: field of a Mechanism}
 _PER_COORDINATE = {"lower": "lower", "upper": "upper", "spring_reference": "spring_references"}
 
@@ -226,7 +225,7 @@ def _joint(mechanism: Mechanism, i: int):
     t, fields = mechanism.topology, {}
     parent, X_PJ = _on_body(mechanism, t.parents[i], _item(mechanism.placements, i))
     if not t.is_mimic(i):
-        fields = {name: getattr(mechanism, name)[t.v_slice(i)] for name in _PER_VELOCITY}
+        fields = {name: getattr(mechanism, name)[t.v_slice(i)] for name in PER_VELOCITY}
         fields |= {name: getattr(mechanism, field)[t.q_slice(i)] for name, field in _PER_COORDINATE.items()}
     return Joint(
         t.joint_names[i],

@@ -18,7 +18,7 @@ from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism import named
 from jaxspatial.mechanism.assembly import assembled, registered_parameters, require_in_range
 from jaxspatial.mechanism.loops import LoopClosure, checked_loops
-from jaxspatial.mechanism.parts import WORLD, Body, Frame, Joint, known
+from jaxspatial.mechanism.parts import PER_VELOCITY, WORLD, Body, Frame, Joint, known
 from jaxspatial.mechanism.tendons import Tendon, checked_tendons, leaf_shapes
 from jaxspatial.mechanism.topology import Topology
 from jaxspatial.numerics import check
@@ -554,7 +554,6 @@ def _shapes(t: Topology, parameters: dict[str, Any], tendons: tuple[Tendon, ...]
     """{field: the shapes of its leaves}, of the numbers of a mechanism."""
     n, frames, welds = len(t), len(t.frames), len(t.welds)
     inertias: list[tuple[int, ...]] = [(n,), (n, 3), (n, 6)]
-    per_velocity = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
     return {
         **dict.fromkeys(("placements", "child_placements"), [(n, 9), (n, 3)]),
         **dict.fromkeys(("axes", "second_axes"), [(n, 3)]),
@@ -562,7 +561,7 @@ def _shapes(t: Topology, parameters: dict[str, Any], tendons: tuple[Tendon, ...]
         "parameters": [(n, *np.shape(parameters[name])[-1:]) for name in sorted(parameters)],
         "mimics": [(n, 2)],
         **dict.fromkeys(("inertias", "lifts"), inertias),
-        **dict.fromkeys(per_velocity, [(t.nv,)]),
+        **dict.fromkeys(PER_VELOCITY, [(t.nv,)]),
         **dict.fromkeys(("lower", "upper", "spring_references"), [(t.nq,)]),
         "frame_placements": [(frames, 9), (frames, 3)],
         "weld_inertias": [(welds,), (welds, 3), (welds, 6)] if welds else [],
@@ -696,11 +695,10 @@ def _static_from_bytes(data: bytes):
     topology = Topology(*as_tuples(fields))
     leaves = [np.frombuffer(bytes.fromhex(x), np.dtype(name)).reshape(shape) for name, shape, x in arrays]
     parameters = {p.name: 0 for p in registered_parameters(topology.kinds)}
-    closures = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
-    lines = tuple(Tendon(name, joints, [0.0] * len(joints)) for name, joints in tendons)
-    like = dataclasses.replace(
-        Mechanism.build([], []), topology=topology, parameters=parameters, loops=closures, tendons=lines
-    )
+    loops = tuple(LoopClosure(a, b, kind, 1.0 if kind == "distance" else None) for a, b, kind in loops)
+    tendons = tuple(Tendon(name, joints, [0.0] * len(joints)) for name, joints in tendons)
+    empty = Mechanism.build([], [])
+    like = dataclasses.replace(empty, topology=topology, parameters=parameters, loops=loops, tendons=tendons)
     if topology.welds:
         like = dataclasses.replace(like, weld_inertias=like.inertias)
     if has_lifts:

@@ -14,8 +14,8 @@ from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, SpatialVelocity
 
 
-class Form(NamedTuple):
-    """What a mapping by names stands for: the coordinates q, or the velocities v.
+class NumbersByJoint(NamedTuple):
+    """The numbers that a mapping by names of joints has: the coordinates q, or the velocities v.
 
     what: the argument in messages. size: "nq" or "nv". starts: the field of the Topology with the first number of each
     joint. types: of the values of some kinds.
@@ -27,27 +27,29 @@ class Form(NamedTuple):
     types: dict[str, type]
 
 
-POSITIONS = Form("Mechanism.configuration: positions", "nq", "q_starts", {"free": RigidTransform, "ball": Rotation})
-VELOCITIES = Form("Mechanism.velocities: velocities", "nv", "v_starts", {"free": SpatialVelocity})
+POSITIONS = NumbersByJoint(
+    "Mechanism.configuration: positions", "nq", "q_starts", {"free": RigidTransform, "ball": Rotation}
+)
+VELOCITIES = NumbersByJoint("Mechanism.velocities: velocities", "nv", "v_starts", {"free": SpatialVelocity})
 
 
-def of_all_joints(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTypeLike) -> Any:
+def of_all_joints(t: Topology, which: NumbersByJoint, values: Mapping[str, Any], dtype: DTypeLike) -> Any:
     """The numbers (*batch, n) of all joints; NumPy where all values are."""
     if not isinstance(values, Mapping):
-        check.refuse(form.what, "a mapping from names of joints", values)
+        check.refuse(which.what, "a mapping from names of joints", values)
     arrays = dict[int, Any]()
     for name, x in values.items():
-        i = t.index(t.joint_names, name, form.what)
+        i = t.index(t.joint_names, name, which.what)
         if t.is_mimic(i):
             leader = t.joint_names[t.followed[i]]
-            raise ValueError(f"{form.what}: {name!r} is a mimic: give {leader!r}, which it follows")
+            raise ValueError(f"{which.what}: {name!r} is a mimic: give {leader!r}, which it follows")
         arrays[i] = x
     like = check.floating_dtype(*(leaf for x in arrays.values() for leaf in _leaves(x)))
     dtype = np.dtype(dtype if like is None else like)
-    given = {i: _numbers(t, form, i, x, f"{form.what}[{t.joint_names[i]!r}]", dtype) for i, x in arrays.items()}
+    given = {i: _numbers(t, which, i, x, f"{which.what}[{t.joint_names[i]!r}]", dtype) for i, x in arrays.items()}
     own = list[Any]()
     for i, kind in ((i, t.kind(i)) for i in range(len(t)) if not t.is_mimic(i)):
-        own.append(given.get(i, np.array(kind.neutral if form.size == "nq" else (0.0,) * kind.nv, dtype)))
+        own.append(given.get(i, np.array(kind.neutral if which.size == "nq" else (0.0,) * kind.nv, dtype)))
     own = own or [np.zeros(0, dtype)]
     short = {t.joint_names[i]: x for i, x in given.items()} or {"": own[0]}
     batch = require_compatible(**short)
@@ -55,14 +57,14 @@ def of_all_joints(t: Topology, form: Form, values: Mapping[str, Any], dtype: DTy
     return concatenate(check.broadcast_batch(batch, *own), -1)
 
 
-def by_joint(t: Topology, form: Form, x, what: str) -> dict[str, Any]:
+def by_joint(t: Topology, which: NumbersByJoint, x, what: str) -> dict[str, Any]:
     """{name of a joint: its numbers}, as `of_all_joints` takes them."""
-    x = check.as_vectors(x, what, size=getattr(t, form.starts)[-1])
+    x = check.as_vectors(x, what, size=getattr(t, which.starts)[-1])
     parts = dict[str, Any]()
     for i in (i for i in range(len(t)) if not t.is_mimic(i)):
-        n, start = getattr(t.kind(i), form.size), getattr(t, form.starts)[i]
+        n, start = getattr(t.kind(i), which.size), getattr(t, which.starts)[i]
         part = x[..., start : start + n]
-        parts[t.joint_names[i]] = _value(form.types.get(t.kinds[i]), part)
+        parts[t.joint_names[i]] = _value(which.types.get(t.kinds[i]), part)
     return parts
 
 
@@ -72,12 +74,12 @@ def _leaves(x) -> list:
     return [x.entries] if isinstance(x, Rotation) else [x.v] if isinstance(x, SpatialVelocity) else [x]
 
 
-def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype):
+def _numbers(t: Topology, which: NumbersByJoint, i: int, x, name: str, dtype: np.dtype):
     """The numbers (*batch, k) of one joint."""
-    kind, n = t.kinds[i], getattr(t.kind(i), form.size)
+    kind, n = t.kinds[i], getattr(t.kind(i), which.size)
     if isinstance(x, RigidTransform | Rotation | SpatialVelocity):
-        if not isinstance(x, form.types.get(kind, ())):
-            check.refuse(name, f"{_described(form, kind, n)} for a {kind!r} joint", x)
+        if not isinstance(x, which.types.get(kind, ())):
+            check.refuse(name, f"{_described(which, kind, n)} for a {kind!r} joint", x)
         if isinstance(x, RigidTransform):
             both = check.broadcast_batch(x.batch_shape, x.rotation.to_quaternion(), x.translation)
             return jnp.concatenate(both, -1)
@@ -86,13 +88,13 @@ def _numbers(t: Topology, form: Form, i: int, x, name: str, dtype: np.dtype):
     if n == 1:
         return array[..., None]
     if array.shape[-1:] != (n,):
-        raise ValueError(f"{name}: expected {_described(form, kind, n)} for a {kind!r} joint, got shape {array.shape}")
+        raise ValueError(f"{name}: expected {_described(which, kind, n)} for a {kind!r} joint, got shape {array.shape}")
     return array
 
 
-def _described(form: Form, kind: str, n: int) -> str:
+def _described(which: NumbersByJoint, kind: str, n: int) -> str:
     array = "a number or (*batch,)" if n == 1 else f"shape (*batch, {n})"
-    return f"a {form.types[kind].__name__}, or {array}" if kind in form.types else array
+    return f"a {which.types[kind].__name__}, or {array}" if kind in which.types else array
 
 
 def _value(kind: type | None, x):

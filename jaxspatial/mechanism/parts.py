@@ -15,6 +15,8 @@ from jaxspatial.numerics import check
 from jaxspatial.spatial import RigidTransform
 
 WORLD = "world"
+# Numbers of a joint, and of a Mechanism, of which each velocity has its own.
+PER_VELOCITY = "armature", "damping", "friction_loss", "stiffness", "effort_limit", "velocity_limit"
 # Fields of joints that nothing real has below zero.
 _AT_LEAST_ZERO = {"armature", "damping", "friction_loss", "effort_limit", "velocity_limit"}
 # How far the length of a quaternion, or of a sine and cosine, may be from 1.
@@ -192,13 +194,8 @@ def check_limits(joint: Joint):
     """Checks that the lower limits are not above the upper ones."""
     lower, upper = (numbers(joint, name, "nq") for name in ("lower", "upper"))
     if (lower > upper).any():
-        raise ValueError(
-            f"Joint {joint.name!r}: lower: expected at most upper, {_list(joint.upper)}, got {_list(joint.lower)}"
-        )
-
-
-def _list(x):
-    return np.asarray(x).tolist()
+        least, most = (np.asarray(x).tolist() for x in (joint.lower, joint.upper))
+        raise ValueError(f"Joint {joint.name!r}: lower: expected at most upper, {most}, got {least}")
 
 
 def check_armature(joint: Joint):

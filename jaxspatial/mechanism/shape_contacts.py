@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 import jax
 import numpy as np
 
-from jaxspatial.mechanism.contacts import per_frame
+from jaxspatial.mechanism.contacts import LAW, per_frame
 from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
-
-_LAW = ("stiffness", "relaxation_time", "friction")
 
 
 @exported_tree_of("frames")
@@ -69,7 +67,7 @@ class ShapeContacts(OfOneDtype):
     def __post_init__(self) -> None:
         frames = check.as_tuple(self.frames, str, "ShapeContacts: frames", "names")
         object.__setattr__(self, "frames", frames)
-        given = {name: getattr(self, name) for name in _LAW}
+        given = {name: getattr(self, name) for name in LAW}
         if all(map(check.is_tree_mark, (*given.values(), *jax.tree.leaves(self.shape)))):
             return
         if not isinstance(self.shape, Shape):
@@ -88,7 +86,7 @@ class ShapeContacts(OfOneDtype):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over frames."""
-        shapes = (self.shape.batch_shape, *(getattr(self, k).shape for k in _LAW))
+        shapes = (self.shape.batch_shape, *(getattr(self, k).shape for k in LAW))
         return check.broadcast_shapes(*(s[:-1] for s in shapes))
 
     @property
@@ -97,5 +95,5 @@ class ShapeContacts(OfOneDtype):
         return self.shape.dtype
 
     def __repr__(self) -> str:
-        numbers = ", ".join(f"{k}={check.shown(getattr(self, k), 0)}" for k in _LAW)
+        numbers = ", ".join(f"{k}={check.shown(getattr(self, k), 0)}" for k in LAW)
         return f"ShapeContacts({list(self.frames)}, {self.shape!r}, {numbers})"

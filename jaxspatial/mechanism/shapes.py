@@ -147,6 +147,32 @@ def local(p: Vector, X: Pose) -> Vector:
     return X.R.T @ (p - X.p)
 
 
+_locals = formula(local)
+
+
+@formula
+def _turned(X: Pose, n: Vector) -> Vector:
+    return X.R @ n
+
+
+@formula
+def units(v: Vector) -> Vector:
+    """v / |v|."""
+    return unit(v)
+
+
+@formula
+def _distance(n: Vector, p: Vector, offset: Numbers):
+    return dot(n, p) - offset[0]
+
+
+@formula
+def _to_first_order(gradient: Vector, value: Numbers) -> list[Any]:
+    """The normal of a function, and the distance along it, f / |grad f|; NaN without a normal."""
+    length = norm(gradient)
+    return [unit(gradient), value[0] / where((length > 0) & (length < math.inf), length, math.nan)]
+
+
 # -- shapes -----------------------------------------------------------------------------------------------------------
 
 
@@ -440,6 +466,60 @@ class Cylinder(Shape):
         def __init__(self, radius: ArrayLike, length: ArrayLike, placement: RigidTransform | None = None): ...
 
 
+@tree
+class HalfSpace(Shape):
+    """The ground under a plane: a function from a point to its signed distance, m.
+
+    Args:
+        normal: (3,) or (*batch, 3), out of the ground, in world axes; of any length above zero.
+        offset: distance of the plane from the origin of the world along the normal, m: a number or (*batch,).
+
+    Raises:
+        TypeError: dtypes differ.
+        ValueError: shapes do not fit, or a normal known while tracing is zero.
+
+    Error: none, nothing is computed; of a distance 8 u (|p| + |offset|).
+
+    Example:
+        >>> slope = js.HalfSpace([0.0, -3.0, 4.0])
+        >>> print(slope(jnp.array([0.0, 0.0, 1.0])), slope.normal_at(jnp.array([0.0, 0.0, 1.0])))
+        0.8 [ 0.  -0.6  0.8]
+    """
+
+    normal: jax.Array = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType]
+    offset: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
+
+    _axes = {"normal": 1, "offset": 0}
+    placement = None
+
+    if TYPE_CHECKING:
+
+        def __init__(self, normal: ArrayLike = (0.0, 0.0, 1.0), offset: ArrayLike = 0.0): ...
+
+    def __post_init__(self) -> None:
+        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
+        if all(map(check.is_tree_mark, (self.normal, self.offset))):
+            return
+        dtype = check.floating_dtype(self.normal, self.offset)
+        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, keep_dtype=True)
+        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, keep_dtype=True)
+        check.require_same_dtype(normal=normal, offset=offset)
+        check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
+        if isinstance(normal, np.ndarray) and not normal.any(-1).all():
+            raise ValueError(f"HalfSpace: normal: expected a vector of a length above 0, got {self.normal}")
+        object.__setattr__(self, "normal", check.owned(normal))
+        object.__setattr__(self, "offset", check.owned(offset))
+
+    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
+        # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
+        normals = units(precision, self.normal)
+        distances = _distance(precision, normals, p, check.expanded(self.offset))
+        return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
+
+    def __repr__(self) -> str:
+        return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"
+
+
 @exported_tree_of("steps")
 class Stairs(Shape):
     """Stairs up along x, as wide as the world: flat ground up to the origin, steps, and flat ground behind them.
@@ -647,83 +727,3 @@ def of_function(
 
     values, gradients = jax.vmap(jax.value_and_grad(distance))(p.reshape((-1, 3)))
     return tuple(_to_first_order(precision, gradients.reshape(p.shape), values.reshape(p.shape[:-1])[..., None]))
-
-
-@formula
-def _to_first_order(gradient: Vector, value: Numbers) -> list[Any]:
-    """The normal of a function, and the distance along it, f / |grad f|; NaN without a normal."""
-    length = norm(gradient)
-    return [unit(gradient), value[0] / where((length > 0) & (length < math.inf), length, math.nan)]
-
-
-_locals = formula(local)
-
-
-@formula
-def _turned(X: Pose, n: Vector) -> Vector:
-    return X.R @ n
-
-
-@formula
-def units(v: Vector) -> Vector:
-    """v / |v|."""
-    return unit(v)
-
-
-@formula
-def _distance(n: Vector, p: Vector, offset: Numbers):
-    return dot(n, p) - offset[0]
-
-
-@tree
-class HalfSpace(Shape):
-    """The ground under a plane: a function from a point to its signed distance, m.
-
-    Args:
-        normal: (3,) or (*batch, 3), out of the ground, in world axes; of any length above zero.
-        offset: distance of the plane from the origin of the world along the normal, m: a number or (*batch,).
-
-    Raises:
-        TypeError: dtypes differ.
-        ValueError: shapes do not fit, or a normal known while tracing is zero.
-
-    Error: none, nothing is computed; of a distance 8 u (|p| + |offset|).
-
-    Example:
-        >>> slope = js.HalfSpace([0.0, -3.0, 4.0])
-        >>> print(slope(jnp.array([0.0, 0.0, 1.0])), slope.normal_at(jnp.array([0.0, 0.0, 1.0])))
-        0.8 [ 0.  -0.6  0.8]
-    """
-
-    normal: jax.Array = (0.0, 0.0, 1.0)  # pyright: ignore[reportAssignmentType]
-    offset: jax.Array = 0.0  # pyright: ignore[reportAssignmentType]
-
-    _axes = {"normal": 1, "offset": 0}
-    placement = None
-
-    if TYPE_CHECKING:
-
-        def __init__(self, normal: ArrayLike = (0.0, 0.0, 1.0), offset: ArrayLike = 0.0): ...
-
-    def __post_init__(self) -> None:
-        """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
-        if all(map(check.is_tree_mark, (self.normal, self.offset))):
-            return
-        dtype = check.floating_dtype(self.normal, self.offset)
-        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, keep_dtype=True)
-        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, keep_dtype=True)
-        check.require_same_dtype(normal=normal, offset=offset)
-        check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
-        if isinstance(normal, np.ndarray) and not normal.any(-1).all():
-            raise ValueError(f"HalfSpace: normal: expected a vector of a length above 0, got {self.normal}")
-        object.__setattr__(self, "normal", check.owned(normal))
-        object.__setattr__(self, "offset", check.owned(offset))
-
-    def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
-        # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
-        normals = units(precision, self.normal)
-        distances = _distance(precision, normals, p, check.expanded(self.offset))
-        return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
-
-    def __repr__(self) -> str:
-        return f"HalfSpace({check.shown(self.normal, 3)}, {check.shown(self.offset, 0)})"

@@ -147,6 +147,22 @@ class Topology:
     def __len__(self):
         return len(self.parents)
 
+    def index(self, names: tuple[str, ...], name: str, what: str):
+        """The index of a name; raises KeyError that lists the names there are and the nearest."""
+        if name not in names:
+            near = check.did_you_mean(name, names)
+            raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}{near}")
+        return names.index(name)
+
+    @functools.cached_property
+    def skeleton(self):
+        """The topology without names: mechanisms of one structure share their programs."""
+        frames = tuple(("", body) for _, body in self.frames)
+        nothing = dict.fromkeys(("body_names", "joint_names", "welds", "carried_by", "hung_on"), ())
+        return dataclasses.replace(self, frames=frames, **nothing)
+
+    # -- joints and their coordinates ---------------------------------------------------------------------------------
+
     def kind(self, i: int):
         return kind_named(self.kinds[i])
 
@@ -157,8 +173,15 @@ class Topology:
     def has_mimics(self):
         return any(map(self.is_mimic, range(len(self))))
 
-    def has_mimics_in(self, bundle: Bundle):
-        return any(map(self.is_mimic, bundle.bodies.ravel().tolist()))
+    @functools.cached_property
+    def turns_axes(self):
+        """Whether the linear velocities of any joint are along axes that the joint itself turns."""
+        return any(self.kind(i).turned for i in range(len(self)))
+
+    @functools.cached_property
+    def has_subspaces_of_q(self):
+        """Whether the motion subspace of any joint depends on coordinates that are no angles."""
+        return any(self.kind(i).subspace_needs_q for i in range(len(self)))
 
     @functools.cached_property
     def q_starts(self):
@@ -188,6 +211,18 @@ class Topology:
     def v_slice(self, i: int):
         return slice(self.v_starts[i], self.v_starts[i] + self.kind(i).nv)
 
+    # -- the tree -----------------------------------------------------------------------------------------------------
+
+    def ancestors(self, i: int):
+        """Body i and those it hangs on, towards the world."""
+        while i >= 0:
+            yield i
+            i = self.parents[i]
+
+    def bodies_of(self, frames: Iterable[int]) -> list[int]:
+        """The bodies that carry frames, -1 for the world."""
+        return [self.frames[frame][1] for frame in frames]
+
     def carrying(self, bodies: Iterable[int]) -> "Topology":
         """The same topology, of which recursions compute some bodies and those that carry them, and no others."""
         computed = {i for body in bodies for i in self.ancestors(body)}
@@ -206,26 +241,6 @@ class Topology:
                 children[self.parents[i]].append(i)
         return children
 
-    def bodies_of(self, frames: Iterable[int]) -> list[int]:
-        """The bodies that carry frames, -1 for the world."""
-        return [self.frames[frame][1] for frame in frames]
-
-    @functools.cached_property
-    def turns_axes(self):
-        """Whether the linear velocities of any joint are along axes that the joint itself turns."""
-        return any(self.kind(i).turned for i in range(len(self)))
-
-    @functools.cached_property
-    def has_subspaces_of_q(self):
-        """Whether the motion subspace of any joint depends on coordinates that are no angles."""
-        return any(self.kind(i).subspace_needs_q for i in range(len(self)))
-
-    def ancestors(self, i: int):
-        """Body i and those it hangs on, towards the world."""
-        while i >= 0:
-            yield i
-            i = self.parents[i]
-
     @functools.cached_property
     def velocity_carriers(self):
         """For each velocity those before it that the mass matrix couples with it: of its own joint and of those that
@@ -237,6 +252,20 @@ class Topology:
             carrying = [k for body in self.ancestors(i) for k in range(self.nv)[self.v_slice(body)]]
             carriers += (tuple(k for k in carrying if k < own) for own in range(self.nv)[self.v_slice(i)])
         return tuple(carriers)
+
+    def behind(self, weld: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """(the frames that a weld holds, the moving joints that hang on them)."""
+        child = self.welds[weld][1]
+
+        def is_behind(frame: int) -> bool:
+            while frame != child and frame != self.carried_by[frame]:
+                frame = self.carried_by[frame]
+            return frame == child
+
+        frames, joints = range(len(self.frames)), enumerate(self.hung_on)
+        return tuple(filter(is_behind, frames)), tuple(i for i, frame in joints if is_behind(frame))
+
+    # -- chains and bundles -------------------------------------------------------------------------------------------
 
     @functools.cached_property
     def chains(self):
@@ -257,6 +286,19 @@ class Topology:
             for (_, kind, n), starts in sorted(batches.items(), key=lambda item: (item[0][0], item[1]))
         )
 
+    def carriers(self, b: int):
+        """The batches that carry batch b of `chains`, b among them: {index of a batch: [(chain of b, the chain of that
+        batch which it hangs on)]}."""
+        # Of the chain that ends with a body the index in `chains`, and that in its batch.
+        by_end = {i: (k, c) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends)}
+        carriers = dict[int, list[tuple[int, int]]]()
+        for c in range(self.chains[b].width):
+            k, carrier = b, c
+            while k >= 0:
+                carriers.setdefault(k, []).append((c, carrier))
+                k, carrier = by_end.get(self.chains[k].parents[carrier], (-1, 0))
+        return carriers
+
     @functools.cached_property
     def bundles(self):
         """All chains, parents first, in as few bundles as cost little more than a loop for each batch."""
@@ -272,6 +314,19 @@ class Topology:
                 bundles.append(Bundle((group,)))
             place |= dict.fromkeys(group.ends, k)
         return tuple(bundles)
+
+    @functools.cached_property
+    def places(self):
+        """(bundle, row, column) of every body."""
+        places = dict[int, tuple[int, int, int]]()
+        for k, bundle in enumerate(self.bundles):
+            firsts = itertools.accumulate((group.length for group in bundle.groups), initial=0)
+            for first, group in zip(firsts, bundle.groups, strict=False):
+                places |= {i + j: (k, first + j, c) for c, i in enumerate(group.starts) for j in range(group.length)}
+        return places
+
+    def has_mimics_in(self, bundle: Bundle):
+        return any(map(self.is_mimic, bundle.bodies.ravel().tolist()))
 
     @functools.cached_property
     def joints_by_kind(self):
@@ -292,52 +347,3 @@ class Topology:
             Bundle((Chains(KINDS[kind], 1, tuple(of_kind), tuple(self.parents[i] for i in of_kind)),))
             for kind, of_kind in joints.items()
         )
-
-    @functools.cached_property
-    def places(self):
-        """(bundle, row, column) of every body."""
-        places = dict[int, tuple[int, int, int]]()
-        for k, bundle in enumerate(self.bundles):
-            firsts = itertools.accumulate((group.length for group in bundle.groups), initial=0)
-            for first, group in zip(firsts, bundle.groups, strict=False):
-                places |= {i + j: (k, first + j, c) for c, i in enumerate(group.starts) for j in range(group.length)}
-        return places
-
-    def carriers(self, b: int):
-        """The batches that carry batch b of `chains`, b among them: {index of a batch: [(chain of b, the chain of that
-        batch which it hangs on)]}."""
-        # Of the chain that ends with a body the index in `chains`, and that in its batch.
-        by_end = {i: (k, c) for k, group in enumerate(self.chains) for c, i in enumerate(group.ends)}
-        carriers = dict[int, list[tuple[int, int]]]()
-        for c in range(self.chains[b].width):
-            k, carrier = b, c
-            while k >= 0:
-                carriers.setdefault(k, []).append((c, carrier))
-                k, carrier = by_end.get(self.chains[k].parents[carrier], (-1, 0))
-        return carriers
-
-    @functools.cached_property
-    def skeleton(self):
-        """The topology without names: mechanisms of one structure share their programs."""
-        frames = tuple(("", body) for _, body in self.frames)
-        nothing = dict.fromkeys(("body_names", "joint_names", "welds", "carried_by", "hung_on"), ())
-        return dataclasses.replace(self, frames=frames, **nothing)
-
-    def behind(self, weld: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """(the frames that a weld holds, the moving joints that hang on them)."""
-        child = self.welds[weld][1]
-
-        def is_behind(frame: int) -> bool:
-            while frame != child and frame != self.carried_by[frame]:
-                frame = self.carried_by[frame]
-            return frame == child
-
-        frames, joints = range(len(self.frames)), enumerate(self.hung_on)
-        return tuple(filter(is_behind, frames)), tuple(i for i, frame in joints if is_behind(frame))
-
-    def index(self, names: tuple[str, ...], name: str, what: str):
-        """The index of a name; raises KeyError that lists the names there are and the nearest."""
-        if name not in names:
-            near = check.did_you_mean(name, names)
-            raise KeyError(f"{what}: expected one of {', '.join(map(repr, names))}, got {name!r}{near}")
-        return names.index(name)

@@ -1,6 +1,6 @@
 """Eigenvalues and axes of symmetric 3 x 3 matrices; and arrays of their six numbers as arrays of matrices.
 
-The six are [xx, xy, yy, xz, yz, zz]: Pinocchio's order, the lower triangle row by row.
+The six are in the order of `linear.Symmetric`.
 """
 
 import functools
@@ -15,15 +15,15 @@ import numpy as np
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import unit_roundoff
-from jaxspatial.numerics.linear import Matrix, Symmetric, Vector, scaled
+from jaxspatial.numerics.linear import PLACES, WHICH_OF_SIX, Matrix, Symmetric, Vector, scaled
 from jaxspatial.numerics.numbers import Number, constant, high, where
 from jaxspatial.numerics.numbers.double_word import DoubleWord, from_double_word, of_limbs
 from jaxspatial.numerics.numbers.number import as_data, noinline_pairs, repeated, shape_of, times_power_of_two
 from jaxspatial.numerics.precision import Precision
 
 # Indices of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on (jax 0.10).
-_TO_NINE = np.array([0, 1, 3, 1, 2, 4, 3, 4, 5], np.int32)
-_OF_NINE = np.array([0, 3, 4, 6, 7, 8], np.int32)
+_TO_NINE = np.array(WHICH_OF_SIX, np.int32).ravel()
+_OF_NINE = np.array([3 * i + k for i, k in PLACES], np.int32)
 # Jacobi's sweeps until nothing changes any more, counted on random, graded and clustered matrices.
 _SWEEPS = {np.dtype(np.float32): 5, np.dtype(np.float64): 6}
 _SWEEPS_OF_DOUBLE_WORDS = 7
@@ -134,7 +134,8 @@ def _jacobi(six: Symmetric) -> tuple[Sequence[Number], Matrix]:
         return *Symmetric.of_matrix(a), *columns.T.entries
 
     result = repeated(sweep, sweeps, [as_data(x, shape) for x in start])
-    return (result[0], result[2], result[5]), Matrix.of_entries(result[6:])
+    six = Symmetric(*result[:6])
+    return (six.xx, six.yy, six.zz), Matrix.of_entries(result[6:])
 
 
 def _rotated(a: Matrix, columns: Matrix, i: int, j: int) -> tuple[Matrix, Matrix]:

@@ -385,7 +385,7 @@ class _Results(NamedTuple):
         if not is_number(x):
             return jnp.broadcast_to(x, self.batch)
         if not self.is_pair:
-            return self._over_batch(as_array(x, self.dtype))
+            return self._over_batch(converted(high(x), self.dtype))
         if isinstance(x, DoubleWord):
             return jax.tree.map(self._over_batch, x)
         return to_double_word(jnp.broadcast_to(x.limbs[0], self.batch), self.dtype)
@@ -403,11 +403,6 @@ class _Results(NamedTuple):
             return jnp.moveaxis(pairwise_sum(jnp.moveaxis(barrier(x), -1, 0)), 0, -1)
         parts = ((c, is_known(c, 0)) for c in (x.operand for x in vector))
         return components.of([c if is_0 else pairwise_sum(jnp.broadcast_to(c, self.batch)) for c, is_0 in parts])
-
-
-def as_array(x, dtype):
-    """A number rounded to a dtype, as an array or a known number of one limb."""
-    return converted(high(x), dtype)
 
 
 def converted(x, dtype):

@@ -140,8 +140,9 @@ class _Six(NamedTuple):
     zz: Number
 
 
-# Where the six numbers stand in the matrix.
+# Where the six numbers stand in the matrix, and which of them each entry is.
 PLACES = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+WHICH_OF_SIX = ((0, 1, 3), (1, 2, 4), (3, 4, 5))
 
 
 class Symmetric(Entrywise, _Six):

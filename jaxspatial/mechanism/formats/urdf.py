@@ -47,13 +47,13 @@ from jaxspatial.mechanism.formats.source import (
     Made,
     ModelText,
     built,
-    doubt_inertias,
     mended_numbers,
     numbers_of,
     rotation_of,
     with_moments,
     word_of,
 )
+from jaxspatial.mechanism.formats.weightless import doubt_weightless
 from jaxspatial.mechanism.parts import WORLD, Body, Joint
 from jaxspatial.numerics import check
 from jaxspatial.numerics.numbers.rounded import in_double
@@ -162,7 +162,7 @@ def read(
         # A weld has no name: no joint of a file can have the same.
         parts.insert(0, Joint(_ROOT, "free", WORLD, root) if floating_base else Joint("", "fixed", WORLD, root))
     mechanism: Any = built(build, file.refuse_part, bodies, parts, (), gravity, dtype)
-    doubt_inertias(file, mechanism)
+    doubt_weightless(file, mechanism)
     frames, M = dict(mechanism.topology.frames), mechanism.inertias
     for link, (kind, why) in file.impossible.items():
         # The moving body that the link is part of, -1 for the world.

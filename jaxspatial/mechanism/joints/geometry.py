@@ -10,10 +10,10 @@ from jaxspatial.numerics.numbers import Number, constant, nearest_integer, where
 def rotation_about(axis: Vector, cosine: Number, sine: Number) -> Matrix:
     """The rotation about a unit vector: k k^T + c (1 - k k^T) + s [k]x. [Rodrigues 1840]"""
     kk, kx = [[a * b for b in axis] for a in axis], skew(axis)
-    less = 1 - cosine
+    one_minus_cosine = 1 - cosine
     return Matrix.of_entries(
         [
-            kk[i][j] + cosine * (1 - kk[i][j]) if i == j else kk[i][j] * less + sine * kx[i][j]
+            kk[i][j] + cosine * (1 - kk[i][j]) if i == j else kk[i][j] * one_minus_cosine + sine * kx[i][j]
             for i in range(3)
             for j in range(3)
         ]

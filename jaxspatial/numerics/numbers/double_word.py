@@ -33,10 +33,10 @@ _OPERATIONS = {
 _REFLECTED = (lambda x, y: pairs.divide(y, x)), (lambda x, b: pairs.divide(with_zero(b), x))
 # Of two pairs.
 _COMPARISONS = {
-    operator.lt: pairs.less,
-    operator.le: pairs.less_equal,
-    operator.gt: lambda x, y: pairs.less(y, x),
-    operator.ge: lambda x, y: pairs.less_equal(y, x),
+    operator.lt: pairs.less_than,
+    operator.le: pairs.less_or_equal,
+    operator.gt: lambda x, y: pairs.less_than(y, x),
+    operator.ge: lambda x, y: pairs.less_or_equal(y, x),
     operator.eq: pairs.equal,
     operator.ne: lambda x, y: ~pairs.equal(x, y),
 }

@@ -227,12 +227,12 @@ def is_finite(x: Array):
 # -- comparisons: exact on normalised pairs, which represent a number in one way ---------------------------------------
 
 
-def less(x: Pair, y: Pair):
+def less_than(x: Pair, y: Pair):
     """x < y: false where either is NaN."""
     return lax.lt(x[0], y[0]) | (lax.eq(x[0], y[0]) & lax.lt(x[1], y[1]))
 
 
-def less_equal(x: Pair, y: Pair):
+def less_or_equal(x: Pair, y: Pair):
     """x <= y: false where either is NaN."""
     return lax.lt(x[0], y[0]) | (lax.eq(x[0], y[0]) & lax.le(x[1], y[1]))
 
