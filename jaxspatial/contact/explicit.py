@@ -5,7 +5,7 @@ regularized friction; Drake, Multibody, compliant point contact]
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -23,7 +23,7 @@ from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Pose, Vector, cross, dot, norm
 from jaxspatial.numerics.numbers import Number, Numbers, where
-from jaxspatial.numerics.precision import resolve
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
 from jaxspatial.spatial.algebra import composed
@@ -102,25 +102,20 @@ def contact_forces(
     scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
     if not n:
         wrenches = SpatialForce.zero((*batch, 0), dtype)
-    elif contacts.batch_shape or calls_functions(ground) or cast(Shape, ground).batch_shape:
-        # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        wrenches = _contact_forces(precision, scene, at_q, at_v, *numbers)
     else:
-        wrenches = _as_one_program(resolve(precision), scene, at_q, at_v, *numbers)
+        wrenches = _contact_forces(resolve(precision), scene, at_q, at_v, *numbers)
     return AppliedForces(contacts.frames, wrenches, contacts.positions)
 
 
+@composite
 def _contact_forces(
-    precision: PrecisionName, scene: tuple[Mechanism, PointContacts, Ground], q, v, d: jax.Array, v_s: jax.Array
+    precision: Precision, scene: tuple[Mechanism, PointContacts, Ground], q, v, d: jax.Array, v_s: jax.Array
 ) -> SpatialForce:
     """`contact_forces` of arrays, of some contacts."""
     mechanism, contacts, ground = scene
     at = _geometry("contact_forces", mechanism, q, v, contacts, ground, precision)
     numbers = map(check.expanded, (at.depth, contacts.stiffness, contacts.friction, d, v_s))
     return SpatialForce(*_forces(precision, at.normals, at.velocities, at.offsets, *numbers))
-
-
-_as_one_program = composite(_contact_forces)
 
 
 @formula

@@ -291,13 +291,11 @@ def _step(
         return ConvexStep(after[0], after[1], None, wrenches, residual, iterations)
     if q.dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, state, h, forces, given, precision)
-    if given.batch_shape or given.calls_functions:
-        # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        return _convex_step(precision, (mechanism, given), q, v, tau, h, forces)
-    return _as_one_program(resolve(precision), (mechanism, given), q, v, tau, h, forces)
+    return _convex_step(resolve(precision), (mechanism, given), q, v, tau, h, forces)
 
 
-def _convex_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], q, v, tau, h, forces) -> ConvexStep:
+@composite
+def _convex_step(precision: Precision, scene: tuple[Mechanism, _Arguments], q, v, tau, h, forces) -> ConvexStep:
     """`_step` where something may act."""
     mechanism, given = scene
     batch = check.broadcast_shapes(*(x.shape[:-1] for x in (q, v, tau, h, *jax.tree.leaves(forces))), given.batch_shape)
@@ -318,9 +316,6 @@ def _convex_step(precision: PrecisionName, scene: tuple[Mechanism, _Arguments], 
     next_q, next_v = steps.moved(mechanism, q, after, h[..., 0], precision)
     wrenches = given.wrenches(mechanism, pushed.get("closures"), batch, q.dtype)
     return ConvexStep(next_q, next_v, pushed.get("contacts"), wrenches, residual, iterations)
-
-
-_as_one_program = composite(_convex_step)
 
 
 def _by_way_of_float32(

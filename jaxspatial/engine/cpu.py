@@ -3,7 +3,7 @@
 `llvm_ir` writes code that computes `width` states side by side. This module makes it a function that XLA calls by its
 typed foreign function interface, version 0.3. In the order of the file:
 
-1. `Code` is what to compile, with its `Argument`s and `Result`s; `Compiled` is machine code; `Target` a processor.
+1. `Code` is what to compile; `Compiled` is machine code; `Target` a processor.
 2. Small functions write LLVM IR: addresses, loops, transposes in registers.
 3. `Runtime` has what all handlers share and no code may take with it when it is freed: holds on code, other threads.
 4. `Handler` writes the functions around one code. XLA calls `handler`. It makes a job, and asks other threads to help.
@@ -40,6 +40,7 @@ import numpy as np
 
 from jaxspatial.engine import llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.engine.machine import Argument, Result
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, mlir
 from jaxspatial.numerics.jax_internals import ir as mlir_ir
 
@@ -94,22 +95,6 @@ MAJOR, MINOR = 0, 3
 # which have lines of the cache of their own.
 NEXT, DONE, REFERENCES = 0, 64, 128
 N_CHUNKS, N_STATES, RUN, SUMS, MODE, WORKER, HOLDERS, BUFFERS = range(192, 192 + 8 * 8, 8)
-
-
-class Argument(NamedTuple):
-    """What the code takes of one state: numbers, or numbers that all states share."""
-
-    size: int
-    dtype: np.dtype
-    is_shared: bool = False
-
-
-class Result(NamedTuple):
-    """What the code gives of one state, or what is added up over all states."""
-
-    size: int
-    dtype: np.dtype
-    is_summed: bool = False
 
 
 class Code(NamedTuple):

@@ -22,6 +22,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from jaxspatial.engine import cpu, llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.engine.machine import Argument, Result
 from jaxspatial.numerics.jax_internals import custom_partitioning
 
 WARP = 32
@@ -61,8 +62,8 @@ class Code(NamedTuple):
 
     text: str
     warps: int
-    arguments: tuple[cpu.Argument, ...]
-    results: tuple[cpu.Result, ...]
+    arguments: tuple[Argument, ...]
+    results: tuple[Result, ...]
 
 
 def least_alike(n: int) -> int:
@@ -70,7 +71,7 @@ def least_alike(n: int) -> int:
     return min(n, WARP)
 
 
-def code_of(graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n: int) -> Code:
+def code_of(graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n: int) -> Code:
     """The code of a graph for n states."""
     writer = _ThreadWriter(graph, arguments, results, min(n, WARP))
     return Code(writer.kernel(), writer.warps, tuple(arguments), tuple(results))
@@ -88,7 +89,7 @@ class _ThreadWriter(llvm_ir.Writer):
 
     frame = FRAME
 
-    def __init__(self, graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n_rows: int):
+    def __init__(self, graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n_rows: int):
         super().__init__(graph, 1, [x.is_shared for x in arguments], has_fma=True, n_registers=REGISTERS)
         self.arguments, self.results, self.n_rows = arguments, results, n_rows
         self.longest, n = MOST_OPERATIONS, len(arguments)
@@ -100,7 +101,7 @@ class _ThreadWriter(llvm_ir.Writer):
         for i, x in (*rows, *enumerate(arguments)):
             item = x.dtype.itemsize
             first = -(-size // item) * item
-            is_shared = isinstance(x, cpu.Argument) and x.is_shared
+            is_shared = isinstance(x, Argument) and x.is_shared
             if x.size and not is_shared and first + x.size * item <= LONGEST_ROW:
                 self.offsets[i], size = first, first + x.size * item
         large += [(i, x) for i, x in rows if x.size and i not in self.offsets]
@@ -352,14 +353,14 @@ class _ThreadWriter(llvm_ir.Writer):
                     moved([whole])
 
     def _written_back(
-        self, f: llvm_ir.Function, i: int, x: cpu.Result, shared: tuple[str, int, int], columns: range
+        self, f: llvm_ir.Function, i: int, x: Result, shared: tuple[str, int, int], columns: range
     ) -> None:
         if x.is_summed:
             self._summed(f, i, x, shared, columns)
         else:
             self._copied(f, i, x, shared, columns, is_read=False)
 
-    def _summed(self, f: llvm_ir.Function, i: int, x: cpu.Result, shared: tuple[str, int, int], columns: range) -> None:
+    def _summed(self, f: llvm_ir.Function, i: int, x: Result, shared: tuple[str, int, int], columns: range) -> None:
         """Writes sums over the states of the warp, of which each lane makes one."""
         pointer, row_bytes, offset = shared
         t, item = self.scalar(x.dtype), x.dtype.itemsize
@@ -530,7 +531,7 @@ def is_available() -> bool:
         x, square, number = np.arange(1, 41, dtype=np.float32)[:, None], Graph(), np.dtype(np.float32)
         node = square.load(0, 0, number)
         square.results = [np.array([square.operation("mul", (node, node), number)])]
-        code = code_of(square, [cpu.Argument(1, number)], [cpu.Result(1, number)], WARP)
+        code = code_of(square, [Argument(1, number)], [Result(1, number)], WARP)
         # Whatever the caller forbids, or is in the middle of.
         with jax.ensure_compile_time_eval(), jax.default_device(device), jax.transfer_guard("allow"):
             (y,) = jax.jit(lambda x: call(code, [x], len(x)))(x)

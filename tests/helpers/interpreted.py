@@ -236,7 +236,7 @@ def _program(*arrays, program, n_batch):
     if found is None:
         traced = program.traced([jax.ShapeDtypeStruct(x.shape, x.dtype) for x in flat])
         found = _evaluated(traced.closed, flat)
-    return [programs.with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
+    return [programs.with_callers_axes(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
 def _of_graph(program, arrays, n):
