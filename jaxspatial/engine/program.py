@@ -409,14 +409,14 @@ def _code_with_shapes(
     return program.cached(("code", machine, key, in_64_bits), made)
 
 
-def _expanded(eqn, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
+def _expanded(eqn, read_trace: graph.Read, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
     """The results of a primitive of the library that stands for a trace, as nodes of a graph.
 
     Programs that promise errors and no bits say that sums may be fused with products.
     """
     if eqn.primitive is not program_p:
         closed = trace_of_sums(eqn)
-        return None if closed is None else run_trace(closed, nodes, False)
+        return None if closed is None else read_trace(closed, nodes, False)
     program, n_batch = eqn.params["program"], eqn.params["n_batch"]
     avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
     # As it is traced elsewhere, so that it need not be traced again.
@@ -424,11 +424,11 @@ def _expanded(eqn, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph
     with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
         if math.prod(check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))) != 1:
             closed = jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
-            return run_trace(closed, nodes, program.may_fuse)
+            return read_trace(closed, nodes, program.may_fuse)
         # Of one state: its own trace as it is.
         flat = [x.reshape((1, *x.shape[n_batch:])) for x in nodes]
         traced = program.traced([jax.ShapeDtypeStruct(x.shape, a.dtype) for x, a in zip(flat, avals, strict=True)])
-    found = run_trace(traced.closed, flat, program.may_fuse)
+    found = read_trace(traced.closed, flat, program.may_fuse)
     return [y.reshape(v.aval.shape) for y, v in zip(found, eqn.outvars, strict=True)]
 
 

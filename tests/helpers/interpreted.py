@@ -276,7 +276,7 @@ def _nodes(traced):
         made = graph.graph_of(traced.closed, programs._expanded)
     except graph.NotSupportedError:
         return None, traced.out_avals
-    of_region, live = collections.defaultdict(list), llvm_ir._Order(made).live
+    of_region, live = collections.defaultdict(list), llvm_ir.Scheduler(made).live
     for node in sorted(live):
         if made.operations[node] not in ("constant", "carried", "row"):
             of_region[made.regions[node]].append(node)
