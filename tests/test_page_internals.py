@@ -48,14 +48,10 @@ def _told():
     return found
 
 
-# Keeps programs for longer than the page says, which is a fault.
-AT_FAULT = {"_compiled"}
-
-
 @pytest.mark.parametrize("path", sorted(ENGINE.glob("*.py")), ids=lambda path: path.name)
 def test_caches_are_those_there_are(path):
     told = _told().get(path.name, set())
-    assert set(_caches(path)) - AT_FAULT <= told
+    assert set(_caches(path)) <= told
     assert all(re.search(rf"\b{name}\b", path.read_text()) for name in told)
 
 

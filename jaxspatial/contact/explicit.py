@@ -4,20 +4,17 @@
 regularized friction; Drake, Multibody, compliant point contact]
 """
 
-from typing import cast
-
 import jax
 import numpy as np
 
-from jaxspatial.contact.geometry import Ground, calls_functions, checked_spheres, contact_geometry
+from jaxspatial.contact.geometry import Ground, checked_spheres, contact_geometry
 from jaxspatial.engine.composite import composite
 from jaxspatial.mechanism import AppliedForces, Mechanism, PointContacts
-from jaxspatial.mechanism.shapes import Shape
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, cross, dot, norm
 from jaxspatial.numerics.numbers import Number, Numbers, where
-from jaxspatial.numerics.precision import resolve
+from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.spatial import SpatialForce
 
@@ -95,16 +92,14 @@ def contact_forces(
     scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
     if not n:
         wrenches = SpatialForce.zero((*batch, 0), dtype)
-    elif contacts.batch_shape or calls_functions(ground) or cast(Shape, ground).batch_shape:
-        # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        wrenches = _contact_forces(precision, scene, at_q, at_v, *numbers)
     else:
-        wrenches = _as_one_program(resolve(precision), scene, at_q, at_v, *numbers)
+        wrenches = _contact_forces(resolve(precision), scene, at_q, at_v, *numbers)
     return AppliedForces(contacts.frames, wrenches, contacts.positions)
 
 
+@composite
 def _contact_forces(
-    precision: PrecisionName,
+    precision: Precision,
     scene: tuple[Mechanism, PointContacts, Ground],
     q: jax.Array,
     v: jax.Array,
@@ -116,9 +111,6 @@ def _contact_forces(
     found = contact_geometry("contact_forces", mechanism, q, v, contacts, ground, precision)
     numbers = map(check.expanded, (found.depth, contacts.stiffness, contacts.friction, d, v_s))
     return SpatialForce(*_forces(precision, found.normals, found.velocities, found.offsets, *numbers))
-
-
-_as_one_program = composite(_contact_forces)
 
 
 @formula

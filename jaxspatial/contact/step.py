@@ -216,7 +216,7 @@ class _ContactsAndLoops(NamedTuple):
         return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
     @property
-    def has_functions(self) -> bool:
+    def calls_functions(self) -> bool:
         """Whether a caller's function is a part of the ground or of a shape."""
         of_pairs = (x.shape.calls_functions for x in self.pairs or () if isinstance(x, ShapeContacts))
         return calls_functions(self.ground) or any(of_pairs)
@@ -300,14 +300,12 @@ def _step(
     """`convex_step` of checked arguments, where something may act. h: dt as (*batch, 1)."""
     if at[0].dtype.itemsize == 2:
         return _by_way_of_float32(mechanism, at, h, forces, given, precision)
-    if given.batch_shape or given.has_functions:
-        # A caller's function may read arrays of the caller's: it is part of the caller's program.
-        return _convex_step(precision, (mechanism, given), at, h, forces)
-    return _as_one_program(resolve(precision), (mechanism, given), at, h, forces)
+    return _convex_step(resolve(precision), (mechanism, given), at, h, forces)
 
 
+@composite
 def _convex_step(
-    precision: PrecisionName,
+    precision: Precision,
     scene: tuple[Mechanism, _ContactsAndLoops],
     at: State,
     h: jax.Array,
@@ -333,9 +331,6 @@ def _convex_step(
     next_q, next_v = steps.moved(mechanism, q, after, h[..., 0], precision)
     wrenches = given.loop_wrenches(mechanism, forces_of.get("closures"), batch, q.dtype)
     return ConvexStep(next_q, next_v, forces_of.get("contacts"), wrenches, residual, iterations)
-
-
-_as_one_program = composite(_convex_step)
 
 
 def _by_way_of_float32(

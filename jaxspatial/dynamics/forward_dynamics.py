@@ -153,7 +153,7 @@ class Solve(Algorithm):
 
     def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         (a,) = bind(self, [*arguments[:-1], *cotangents], n_batch)
-        return [*[None] * (len(arguments) - 1), program.over_batch_of(a, arguments[-1].aval)]
+        return [*[None] * (len(arguments) - 1), program.summed_like(a, arguments[-1].aval)]
 
 
 class OverColumns(program.Program):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.dynamics.bounds import ALGORITHM
 from jaxspatial.engine import matrices, recursion, stacking
 from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, Algorithm, Frames, algorithm
-from jaxspatial.engine.derivatives import Moving, Pullback
+from jaxspatial.engine.derivatives import Differentiable, Moving, Pullback
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointState, Link, MechanismState, across
 from jaxspatial.mechanism import Mechanism
@@ -213,11 +213,11 @@ def subspace_times(S: Sequence[Motion], v: Numbers) -> Motion:
 class BodyVelocities(Algorithm):
     """The program of `_body_velocities`. The pull-back of one frame to v is J^T F, without a recursion inward."""
 
-    def pullback(self, moving: Moving, given: Moving | None = None) -> Pullback:
+    def pullback_program(self, moving: Moving, given: Moving | None = None) -> Differentiable:
         moves = [i for i, yes in enumerate(moving) if yes]
         if isinstance(dict(self.static)["frames"], int) and moves == [self.place(self.n_fields + 1)]:
             return self.cached(("J^T F", moving, given), lambda: JacobianTransposed(self, moving, given))
-        return super().pullback(moving, given)
+        return super().pullback_program(moving, given)
 
 
 class JacobianTransposed(Pullback):
@@ -226,7 +226,7 @@ class JacobianTransposed(Pullback):
     program: Algorithm
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        arguments, cotangents = self._split(arrays)
+        arguments, cotangents = self._parted(arrays)
         state, _ = self.program.state_of(arguments, max(x.shape[0] for x in arrays))
         rest = (Vector(*state.numbers(jnp.moveaxis(self.from_outside(x), 0, -1)[None])) for x in cotangents)
         F = Wrench(*(next(rest) if yes else state.zero_vector for yes in self.given or (True, True)))

@@ -21,7 +21,6 @@ from jaxspatial.dynamics.passive import (
 )
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.composite import composite
-from jaxspatial.engine.derivatives import pullback
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.numerics import check
 from jaxspatial.numerics.formula import formula, plus
@@ -313,12 +312,12 @@ def _action_derivatives(mechanism: Mechanism, precision: PrecisionName) -> Calla
 
     def derivatives(q: jax.Array, next_q: jax.Array, v: jax.Array, dt: jax.Array) -> list[jax.Array]:
         of_q, momentum = jax.grad(energy, (0, 1))(q, v)
-        of_motions = pullback(functools.partial(difference, mechanism, precision=precision), q, next_q)
+        _, of_motions = jax.vjp(functools.partial(difference, mechanism, precision=precision), q, next_q)
         by_q, by_next_q = of_motions(momentum)
         by_velocity = list[jax.Array]()
         for x, by_x in ((q, euler(precision, by_q, dt[..., None], of_q)), (next_q, by_next_q)):
             rates = functools.partial(configuration_rates, mechanism, x, precision=precision)
-            by_velocity += pullback(rates, jnp.zeros((*x.shape[:-1], mechanism.nv), x.dtype))(by_x)
+            by_velocity += jax.vjp(rates, jnp.zeros((*x.shape[:-1], mechanism.nv), x.dtype))[1](by_x)
         return by_velocity
 
     return derivatives

@@ -25,7 +25,7 @@ from jax.core import Tracer
 
 from jaxspatial.engine import program
 from jaxspatial.engine.derivatives import Differentiable
-from jaxspatial.engine.program import Aval, Result
+from jaxspatial.engine.program import Aval, InJaxCaches
 from jaxspatial.engine.stacking import Array, Shape
 from jaxspatial.engine.state import MechanismState, is_vector
 from jaxspatial.mechanism import AppliedForces, Mechanism
@@ -80,7 +80,7 @@ def algorithm(
     result_shape: Callable[[Topology, dict[str, Any]], Shape | list[Shape]] | None = None,
     at: str = "q",
 ) -> Any:
-    """Turns `formula(state, *arrays, **static)` into a function of (precision, mechanism, q, *arrays, **static).
+    """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
 
     Arguments are checked by their names in the formula, see `checked`. Messages of errors begin with the name of the
     formula, or with `operation` if the caller passes one.
@@ -105,7 +105,10 @@ def algorithm(
         def call(precision, mechanism: Mechanism, *arrays, operation: str = name, **static):
             arguments = checked(operation, mechanism, **dict(zip(names, arrays, strict=False)), **static)
             options = tuple(sorted(zip(static, arguments[len(arrays) :], strict=True)))
-            return _run(operation, formula, resolve(precision), mechanism, reads, arguments[: len(arrays)], options)
+            fields = {name: getattr(mechanism, name) for name in reads}
+            leaves, tree = jax.tree.flatten((fields, arguments[: len(arrays)]))
+            trees, is_rigid = (tree, tree.children()[0]), not len(mechanism.topology)
+            return run(operation, formula, resolve(precision), mechanism, reads, leaves, *trees, options, is_rigid)
 
         vars(call).update(formula=formula)
         return call
@@ -248,7 +251,7 @@ class Algorithm(Differentiable):
     """The program of a formula for one topology, with constants in place of some arguments.
 
     tree: the structure of (fields by name, arrays). known: for each of its leaves a constant, or None for data.
-    program_cache: a weak reference to the ProgramCache that owns this program.
+    cache: a weak reference to the ProgramCache that owns this program.
     """
 
     def __init__(
@@ -263,7 +266,7 @@ class Algorithm(Differentiable):
     ):
         self.formula, self.precision, self.topology, self.tree = formula, precision, cache.topology, tree
         self.known, self.static, self.dtype = known, static, dtype
-        self.program_cache = weakref.ref(cache)
+        self.cache = weakref.ref(cache)
         self.out_tree = None
 
     @property
@@ -286,19 +289,28 @@ class Algorithm(Differentiable):
         fields, (q, *others) = jax.tree.unflatten(self.tree, [next(data) if x is None else x for x in self.known])
         return MechanismState(self.topology, fields, q, n, self.precision, self.dtype), others
 
-    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+    def outputs(self, avals: Sequence[Aval]) -> list[Aval]:
         if self.formula.result_shape is not None:
             shape = self.formula.result_shape(self.topology, dict(self.static))
             shapes = shape if isinstance(shape, list) else [shape]
             self.out_tree = jax.tree.structure((0,) * len(shapes) if isinstance(shape, list) else 0)
-            return [(shape, self.dtype) for shape in shapes]
-        of_one_state = [jax.ShapeDtypeStruct((1, *a.shape), a.dtype) for a in avals]
-        return [(y.shape[1:], y.dtype) for y in self.traced(of_one_state).out_avals]
+            return [Aval(shape, self.dtype) for shape in shapes]
+        of_one_state = [Aval((1, *a.shape), a.dtype) for a in avals]
+        return [Aval(y.shape[1:], y.dtype) for y in self.traced(of_one_state).out_avals]
 
     def __call__(self, data: Sequence[jax.Array], n_batch: int):
         leaves = program.bind(self, data, n_batch)
         # Known only now that the program has been traced.
         return jax.tree.unflatten(self.out_tree, leaves)
+
+    def alone(self) -> Callable[[int, list], Any]:
+        """The program outside of any other, compiled, as a function of (n_batch, data)."""
+
+        def made() -> Callable[[int, list], Any]:
+            own: Any = InJaxCaches(self)
+            return jax.jit(lambda n_batch, data: Algorithm.__call__(own, data, n_batch), static_argnums=0)
+
+        return self.cached("alone", made)
 
     def constants(self, data: Sequence[Aval], n_batch: int):
         """The results, with n_batch axes of size 1, where no number of the data is part of them."""
@@ -337,7 +349,7 @@ class Algorithm(Differentiable):
                 tree = jax.tree_util.treedef_tuple((tree.children()[0], leaves))
                 known, static = [*known[: self.n_fields + 1], *[None] * (arrays - 1)], ()
             static = tuple(sorted((*static, *more.items())))
-            cache = self.program_cache() or ProgramCache(self.topology, tuple(known))
+            cache = self.cache() or ProgramCache(self.topology, tuple(known))
             return cache.program(call.formula, self.precision, tree, tuple(known), static, self.dtype)
 
         return self.cached((call, at, arrays, tuple(sorted(more.items()))), made)
@@ -357,7 +369,7 @@ class Algorithm(Differentiable):
         if not any(moving):
             return [None]
         of_moving = [t for t, yes in zip(tangents, moving, strict=True) if yes]
-        return program.bind(self.tangent(moving), [*primals, *of_moving], n_batch)
+        return program.bind(self.tangent_program(moving), [*primals, *of_moving], n_batch)
 
 
 # -- caches of programs -----------------------------------------------------------------------------------------------
@@ -370,15 +382,14 @@ class ManyProgramsWarning(UserWarning):
 class ProgramCache:
     """The programs that were made for one set of constants: the fields of a mechanism that an algorithm reads.
 
-    Mechanisms with equal constants share one cache, and its programs live as long as such a mechanism. Compiled calls
-    are stored here and not in the programs, which JAX's own caches would then keep alive for good.
+    Mechanisms with equal constants share one cache, and its programs live as long as such a mechanism.
+
+    called: of programs that ran on their own, what does not depend on the constants.
     """
 
     def __init__(self, topology: Topology, known: tuple[np.ndarray | None, ...]):
         self.topology, self.known = topology, known
-        self.programs: dict[Any, Algorithm] = {}
-        self.calls: dict[Algorithm, Any] = {}
-        self.called: set[Any] = set()
+        self.programs, self.called = dict[Any, Algorithm](), set[Any]()
 
     def program(self, formula, precision: Precision, tree, known: tuple, static: Static, dtype: np.dtype) -> Algorithm:
         """The program of an algorithm. known: the constants among all leaves of the tree."""
@@ -387,12 +398,6 @@ class ProgramCache:
         if key not in self.programs:
             self.programs[key] = formula.program_class(formula, precision, self, tree, known, static, dtype)
         return self.programs[key]
-
-    def call(self, program: Algorithm) -> Callable[[int, list], Any]:
-        """A program as a compiled function of (n_batch, data), outside of any transformation."""
-        if program not in self.calls:
-            self.calls[program] = jax.jit(lambda n_batch, data: program(data, n_batch), static_argnums=0)
-        return self.calls[program]
 
 
 def contents(x: np.ndarray | None):
@@ -424,47 +429,51 @@ def program_cache(mechanism: Mechanism | None, reads: tuple, tree, leaves: Seque
     return cache
 
 
-def _run(
+def run(
     operation: str,
-    formula,
+    formula: Callable,
     precision: Precision,
-    mechanism: Mechanism,
-    reads: tuple[str, ...],
-    arrays: tuple,
+    mechanism: Mechanism | None,
+    reads: tuple,
+    leaves: list,
+    tree,
+    of_fields,
     static: Static,
+    is_rigid: bool = False,
 ):
-    fields = {name: getattr(mechanism, name) for name in reads}
-    leaves, tree = jax.tree.flatten((fields, arrays))
-    n_fields = tree.children()[0].num_leaves
-    tracing = any(isinstance(x, Tracer) for x in leaves)
-    batch = check.broadcast_shapes((), *[x.shape[:-1] for x in leaves[n_fields:]])
-    is_rigid = not len(mechanism.topology)
+    """Runs the program of a formula: as a part of the caller's while that is traced, else as one of its own.
+
+    leaves, tree: of (fields, arrays): numbers of a mechanism and of its surroundings, whose tree is `of_fields`, and
+    arrays (*batch, n). reads: says, for a mechanism, which fields these are. is_rigid: whether nothing varies with q
+    and v, as without joints.
+    """
+    n_fields = of_fields.num_leaves
+    is_traced = any(isinstance(x, Tracer) for x in leaves)
+    batch = check.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n_fields:]))
+    dtype = np.dtype(leaves[n_fields].dtype)
     if is_rigid:
-        # Without joints nothing varies with q and v, whose batch the results get at the end.
+        # The results get the batch at the end.
         for i, x in enumerate(leaves):
             if 0 in x.shape:  # An array without numbers, of one state, is a constant.
                 leaves[i] = np.zeros(x.shape if i < n_fields else x.shape[-1:], x.dtype)
-    cache = program_cache(mechanism, reads, tree.children()[0], leaves[:n_fields])
-    known = (
-        *cache.known,
-        *[
-            x if isinstance(x, np.ndarray) and x.ndim == 1 and (tracing or is_rigid and not x.size) else None
-            for x in leaves[n_fields:]
-        ],
-    )
-    compiled = cache.program(formula, precision, tree, known, static, np.dtype(arrays[0].dtype))
+    cache = program_cache(mechanism, reads, of_fields, leaves[:n_fields])
+
+    def is_known(x) -> bool:
+        return isinstance(x, np.ndarray) and x.ndim == 1 and (is_traced or is_rigid and not x.size)
+
+    known = *cache.known, *(x if is_known(x) else None for x in leaves[n_fields:])
+    made = cache.program(formula, precision, tree, known, static, dtype)
     n_batch = len(batch)
-    is_data = [k is None for k in known]
-    data: list = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if is_data[i]]
+    data: list = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if known[i] is None]
     if is_rigid:
-        items = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in data]
-        is_constant = not data or all(0 in shape for shape, _ in compiled.outputs(items))
-        results = compiled.constants(items, n_batch) if is_constant else compiled(data, n_batch)
+        items = [Aval(x.shape[n_batch:], x.dtype) for x in data]
+        is_constant = not data or all(0 in y.shape for y in made.outputs(items))
+        results = made.constants(items, n_batch) if is_constant else made(data, n_batch)
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), results)
-    if tracing:
-        return compiled(data, n_batch)
-    warn_of_many_programs(operation, cache, (formula, tree, static, compiled.dtype))
-    return cache.call(compiled)(n_batch, data)
+    if is_traced:
+        return made(data, n_batch)
+    warn_of_many_programs(operation, cache, (formula, tree, static, dtype))
+    return made.alone()(n_batch, data)
 
 
 def with_batch_axes(x, is_field: bool, n_batch: int):

@@ -5,15 +5,13 @@ Between programs of their own, arrays over all states would be written to memory
 
 import functools
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any
 
 import jax
 import numpy as np
-from jax.core import Tracer
 
 from jaxspatial.engine import program
-from jaxspatial.engine.algorithm import Algorithm, contents, program_cache, warn_of_many_programs, with_batch_axes
-from jaxspatial.numerics import check
+from jaxspatial.engine.algorithm import Algorithm, contents, run
 from jaxspatial.numerics.precision import Precision
 
 
@@ -51,33 +49,28 @@ class Composite(Algorithm):
 
 
 def composite(function: Callable) -> Callable[..., Any]:
-    """Turns `function(precision, scene, *arrays, **static)` into one program, over a batch.
+    """Makes one program, over a batch, of `function(precision, scene, *arrays, **static)`.
 
     scene: a tuple of a Mechanism and other trees, or an empty one. Its NumPy numbers are constants of the program.
-    arrays: trees of arrays (*batch, n), None for nothing; batch shapes broadcast. static: hashable arguments. The
-    results are trees of arrays of one state.
+    Where it has a batch of its own, or calls a function of the caller's, which may read arrays of the caller's, there
+    is no such program: the function is part of the caller's. arrays: trees of arrays (*batch, n), None for nothing;
+    batch shapes broadcast. static: hashable arguments. The results are trees of arrays of one state.
     """
     vars(function).update(program_class=Composite, result_shape=None)
+    name = function.__name__.lstrip("_")
 
     @functools.wraps(function)
     def call(precision: Precision, scene: tuple, *arrays, **static):
+        if any(map(_is_of_caller, scene[1:])):
+            return function(precision, scene, *arrays, **static)
         leaves, tree = jax.tree.flatten(((scene,), arrays))
-        of_scene = tree.children()[0]
-        n = of_scene.num_leaves
-        tracing = any(isinstance(x, Tracer) for x in leaves)
-        batch = check.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n:]))
-        own = jax.tree.leaves(scene[1:])
-        key = "composite", of_scene, *(contents(x) for x in own if isinstance(x, np.ndarray))
-        cache = program_cache(scene[0] if scene else None, key, of_scene, leaves[:n])
-        known = [x if tracing and isinstance(x, np.ndarray) and x.ndim == 1 else None for x in leaves[n:]]
-        known = (*cache.known, *known)
-        dtype = np.dtype(leaves[n].dtype)
-        options = tuple(sorted(static.items()))
-        made = cache.program(function, precision, tree, known, options, dtype)
-        data = [with_batch_axes(x, i < n, len(batch)) for i, x in enumerate(leaves) if known[i] is None]
-        if tracing:
-            return made(cast(Any, data), len(batch))
-        warn_of_many_programs(function.__name__.lstrip("_"), cache, (function, tree, options, dtype))
-        return cache.call(made)(len(batch), data)
+        own = (contents(x) for x in jax.tree.leaves(scene[1:]) if isinstance(x, np.ndarray))
+        of_scene, options = tree.children()[0], tuple(sorted(static.items()))
+        reads, mechanism = ("composite", of_scene, *own), scene[0] if scene else None
+        return run(name, function, precision, mechanism, reads, leaves, tree, of_scene, options)
 
     return call
+
+
+def _is_of_caller(x) -> bool:
+    return bool(getattr(x, "batch_shape", ()) or getattr(x, "calls_functions", callable(x)))

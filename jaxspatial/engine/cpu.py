@@ -3,7 +3,7 @@
 `llvm_ir` writes code that computes `width` states side by side. This module makes it a function that XLA calls by its
 typed foreign function interface, version 0.3. In the order of the file:
 
-1. `Code` is what to compile, with its `Argument`s and `Result`s; `Compiled` is machine code; `Target` a processor.
+1. `Code` is what to compile; `Compiled` is machine code; `Target` a processor.
 2. Small functions write LLVM IR: addresses, loops, transposes in registers.
 3. `Runtime` has what all handlers share and no code may take with it when it is freed: holds on code, other threads.
 4. `Handler` writes the functions around one code. XLA calls `handler`. It makes a job, and asks other threads to help.
@@ -40,6 +40,7 @@ import numpy as np
 
 from jaxspatial.engine import llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.engine.machine import Argument, Result
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, mlir
 from jaxspatial.numerics.jax_internals import ir as mlir_ir
@@ -97,22 +98,6 @@ NEXT, DONE, REFERENCES = 0, 64, 128
 N_CHUNKS, N_STATES, RUN, SUMS, MODE, WORKER, HOLDERS, BUFFERS = range(192, 192 + 8 * 8, 8)
 
 
-class Argument(NamedTuple):
-    """What the code takes of one state: numbers, or numbers that all states share."""
-
-    size: int
-    dtype: np.dtype
-    is_shared: bool = False
-
-
-class Result(NamedTuple):
-    """What the code gives of one state, or what is added up over all states."""
-
-    size: int
-    dtype: np.dtype
-    is_summed: bool = False
-
-
 class Code(NamedTuple):
     """LLVM IR that defines `@block(ptr %arguments, ptr %results, ptr %frame)`, which computes `width` states.
 
@@ -126,7 +111,7 @@ class Code(NamedTuple):
     results: tuple[Result, ...]
     frame_bytes: int = 0
     cost: int = 0  # number of operations of a state, by which threads are shared out; zero keeps to one thread
-    is_split: bool = False  # whether it defines `before`, `turns` and the like, too: see `llvm_ir.Written`
+    is_split: bool = False  # whether it defines `before`, `turns` and the like, too: see `llvm_ir.BlockIR`
 
 
 MOST_UNROLLED = None  # as graphs have it
@@ -140,8 +125,8 @@ def least_alike(n: int) -> int:
 def code_of(graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n: int) -> Code:
     """The code of a graph for one state, or for several side by side."""
     width = 1 if n == 1 else width_of(graph)
-    written = llvm_ir.written(graph, width, [x.is_shared for x in arguments], host().has_fma, host().has_compress)
-    return Code(written.text, width, tuple(arguments), tuple(results), *written[1:])
+    block = llvm_ir.ir_of(graph, width, [x.is_shared for x in arguments], host().has_fma, host().has_compress)
+    return Code(block.text, width, tuple(arguments), tuple(results), *block[1:])
 
 
 def width_of(graph: Graph) -> int:
@@ -227,13 +212,13 @@ def on_stack(b: Builder, n_bytes: int) -> Value:
     return memory
 
 
-def written(b: Builder, struct: Value, *values: int | Value | None) -> None:
+def store_fields(b: Builder, struct: Value, *values: int | Value | None) -> None:
     """Writes fields of eight bytes, one after the other, from the start of a struct. None is a null pointer."""
     for i, value in enumerate(values):
         b.store(NULL if value is None else integer(value), at(b, struct, 8 * i))
 
 
-def aligned(n: int) -> int:
+def whole_lines(n: int) -> int:
     return -(-n // LINE) * LINE
 
 
@@ -315,7 +300,7 @@ class Scratch:
         self.n_blocks = max(min(CHUNK // code.width, TOGETHER // self.size), 1) if code.is_split else 1
 
     def _take(self, n_bytes: int) -> int:
-        place, self.size = self.size, self.size + aligned(n_bytes)
+        place, self.size = self.size, self.size + whole_lines(n_bytes)
         return place
 
     def _columns(self, code: Code, x: Argument | Result) -> int:
@@ -416,7 +401,7 @@ class Runtime(Module):
             b.ret(NULL)
         b.atomic_rmw("add", holders, integer(1), "monotonic")
         stage = b.zext(field(b, frame, STAGE, I32), I64)
-        written(b, request, 48, None, field(b, frame, CONTEXT), stage, self.hold_type, holders)
+        store_fields(b, request, 48, None, field(b, frame, CONTEXT), stage, self.hold_type, holders)
         asks = ir.FunctionType(PTR, [PTR]).as_pointer()
         b.ret(b.call(field(b, field(b, frame, API), API_SET_STATE, asks), [request]))
 
@@ -448,7 +433,7 @@ class Runtime(Module):
 
     def destroyed(self, b: Builder, api: Value, error: Value, request: Value) -> None:
         """Destroys an error of XLA, which there is no one to tell: the thread that asked computes by itself."""
-        written(b, request, 24, None, error)
+        store_fields(b, request, 24, None, error)
         b.call(field(b, api, API_DESTROY_ERROR, ir.FunctionType(VOID, [PTR]).as_pointer()), [request])
 
     def help(self) -> None:
@@ -458,7 +443,7 @@ class Runtime(Module):
         api, context = field(b, frame, API), field(b, frame, CONTEXT)
         request, n_threads = on_stack(b, 40), on_stack(b, 8)
         b.store(integer(0), n_threads)
-        written(b, request, 32, None, context, n_threads)
+        store_fields(b, request, 32, None, context, n_threads)
         error = b.call(field(b, api, API_N_THREADS, asks), [request])
         with b.if_then(b.icmp_unsigned("!=", error, NULL)):
             self.destroyed(b, api, error, request)
@@ -472,7 +457,7 @@ class Runtime(Module):
             counts = at(b, job, REFERENCES), field(b, job, HOLDERS)
             for count in counts:
                 b.atomic_rmw("add", count, integer(1), "monotonic")
-            written(b, request, 40, None, context, self.functions[self.TASK], job)
+            store_fields(b, request, 40, None, context, self.functions[self.TASK], job)
             error = b.call(field(b, api, API_SCHEDULE, asks), [request])
             with b.if_then(b.icmp_unsigned("!=", error, NULL)):
                 self.destroyed(b, api, error, request)
@@ -522,7 +507,7 @@ class Handler(Module):
         self.sum_places, self.sum_bytes = [], 0
         for x in code.results:
             self.sum_places.append(self.sum_bytes)
-            self.sum_bytes += aligned(x.size * x.dtype.itemsize) if x.is_summed else 0
+            self.sum_bytes += whole_lines(x.size * x.dtype.itemsize) if x.is_summed else 0
         # What XLA calls when it makes an executable.
         b, (frame,) = self.begin("instantiate", PTR, PTR, is_internal=False)
         b.ret(b.call(self.external(Runtime.HOLD, PTR, [PTR, PTR]), [frame, self.holders]))
@@ -540,7 +525,7 @@ class Handler(Module):
     # ------------------------------------------------------------------------------- rows to columns and back
 
     @once
-    def turned(self, name: str, n_bytes: int, size: int, is_read: bool) -> None:
+    def transposed(self, name: str, n_bytes: int, size: int, is_read: bool) -> None:
         """Copies `width` rows of the batch to columns, or columns to rows: (rows, columns).
 
         A group of columns at a time. Where the number of columns is no multiple of it, the last group overlaps the one
@@ -552,7 +537,7 @@ class Handler(Module):
             argument.add_attribute("noalias")
         self.ask_for(b, rows, n_bytes * size * width, is_read)
         if size <= FEW_COLUMNS:
-            self.turn_few(b, rows, columns, n_bytes, size, is_read)
+            self.transpose_few(b, rows, columns, n_bytes, size, is_read)
             b.ret_void()
             return
         group = min(REGISTER // n_bytes, width, 1 << (size.bit_length() - 1))
@@ -596,8 +581,8 @@ class Handler(Module):
         with loop(b, AHEAD, AHEAD + n_bytes, LINE) as place:
             b.call(ask, [at(b, rows, place), *options])
 
-    def turn_few(self, b: Builder, rows: Value, columns: Value, n_bytes: int, size: int, is_read: bool) -> None:
-        """`turned` of so few columns that each is made of all rows at once, which are `size` vectors in memory."""
+    def transpose_few(self, b: Builder, rows: Value, columns: Value, n_bytes: int, size: int, is_read: bool) -> None:
+        """`transposed` of so few columns that each is made of all rows at once, which are `size` vectors in memory."""
         width = self.code.width
         whole = ir.VectorType(ir.IntType(8 * n_bytes), width)
         (of, of_align), (to, to_align) = (rows, n_bytes), (columns, min(LINE, n_bytes * width))
@@ -638,26 +623,26 @@ class Handler(Module):
         """Reads n rows, at most `width`, into columns."""
         if not x.size:
             return
-        turned = self.turned(x.dtype.itemsize, x.size, True)
+        transposed = self.transposed(x.dtype.itemsize, x.size, True)
         with b.if_else(b.icmp_signed("==", n, integer(self.code.width)), likely=True) as (whole, rest):
             with whole:
-                b.call(turned, [rows, at(b, scratch, to)])
+                b.call(transposed, [rows, at(b, scratch, to)])
             with rest:
                 copied = at(b, scratch, self.scratch.rows)
                 b.call(self.padded(), [rows, n, integer(x.size * x.dtype.itemsize), copied])
-                b.call(turned, [copied, at(b, scratch, to)])
+                b.call(transposed, [copied, at(b, scratch, to)])
 
     def write(self, b: Builder, x: Result, rows: Value, n: Value, scratch: Value, of: int) -> None:
         """Writes columns to n rows, at most `width`."""
         if not x.size:
             return
-        turned = self.turned(x.dtype.itemsize, x.size, False)
+        transposed = self.transposed(x.dtype.itemsize, x.size, False)
         with b.if_else(b.icmp_signed("==", n, integer(self.code.width)), likely=True) as (whole, rest):
             with whole:
-                b.call(turned, [rows, at(b, scratch, of)])
+                b.call(transposed, [rows, at(b, scratch, of)])
             with rest:
                 copied = at(b, scratch, self.scratch.rows)
-                b.call(turned, [copied, at(b, scratch, of)])
+                b.call(transposed, [copied, at(b, scratch, of)])
                 self.copy(b, rows, copied, b.mul(n, integer(x.size * x.dtype.itemsize)))
 
     # ------------------------------------------------------------------------------------------------- sums
@@ -835,8 +820,8 @@ class Handler(Module):
         with loop(b, 0, n_blocks) as k:
             block = at(b, memory, b.mul(k, integer(place.size)))
             left = at(b, block, place.left)
-            written(b, new, 0)
-            written(b, of_new, 0)
+            store_fields(b, new, 0)
+            store_fields(b, of_new, 0)
             with b.if_then(b.icmp_signed("!=", b.load(left, typ=I64), zero)):
                 with loop(b, 0, width) as lane:
                     bit, waiting = b.shl(integer(1), lane), b.load(left, typ=I64)
@@ -999,7 +984,7 @@ _TIMES_REGISTERED: dict[str, int] = {}
 _STILL_HELD: list[Any] = []  # Engines whose code executables or tasks hold, while Python does not.
 
 
-def _machine(target: Target):
+def _target_machine(target: Target):
     of = llvm.Target.from_triple(llvm.get_process_triple())
     return of.create_target_machine(cpu=target.cpu, features=target.features, opt=2, jit=True)
 
@@ -1010,10 +995,10 @@ def _object(texts: Sequence[str], target: Target) -> bytes:
     for other in others:
         module.link_in(other)
     module.verify()
-    return _machine(target).emit_object(module)
+    return _target_machine(target).emit_object(module)
 
 
-def kept(name: str, make: Callable[[], bytes]) -> bytes:
+def on_disk(name: str, make: Callable[[], bytes]) -> bytes:
     """What is compiled under a name, from JAX's cache on disk where there is one."""
     folder = jax.config.values["jax_compilation_cache_dir"]
     if not folder or "://" in folder or not jax.config.values["jax_enable_compilation_cache"]:
@@ -1035,12 +1020,12 @@ def kept(name: str, make: Callable[[], bytes]) -> bytes:
 
 def _cached(name: str, texts: Sequence[str], target: Target) -> bytes:
     """Machine code of several modules together."""
-    return kept(f"{name}.o", lambda: _object(texts, target))
+    return on_disk(f"{name}.o", lambda: _object(texts, target))
 
 
 def _loaded(content: bytes, target: Target):
     """An engine that holds machine code in memory."""
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine(target))
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), _target_machine(target))
     engine.add_object_file(llvm.object_file.ObjectFileRef.from_data(content))
     engine.finalize_object()
     return engine
@@ -1157,22 +1142,22 @@ def call(
         return [jnp.zeros((1 if x.is_summed else n, x.size), x.dtype) for x in code.results]
     name = compiled(code, target).name
     if n_devices > 1 and n % n_devices == 0:
-        return _split(code, name, n, arrays)
+        return _on_devices(code, name, n, arrays)
     outputs = [jax.ShapeDtypeStruct((1 if x.is_summed else n, x.size), x.dtype) for x in code.results]
     return list(jax.ffi.ffi_call(name, outputs)(*arrays))
 
 
-def _split(code: Code, name: str, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
+def _on_devices(code: Code, name: str, n: int, arrays: Sequence[jax.Array]) -> list[jax.Array]:
     """The call, which each device makes for its states, an equal number of them.
 
     XLA splits calls whose arrays all have an axis of states. What states share is repeated for each of them, of which
     the handler reads the first; of a sum, each device gives its part in its first row, and zeros in the others.
     """
-    _let_split(name)
+    _let_xla_split(name)
     repeated = [jnp.broadcast_to(x, (n, x.shape[1])) for x in arrays]
     avals = tuple(ShapedArray((n, x.size), x.dtype) for x in code.results)
     sizes = tuple(x.size for x in (*code.arguments, *code.results))
-    results = _split_p.bind(*repeated, name=name, sizes=sizes, avals=avals)
+    results = _on_devices_p.bind(*repeated, name=name, sizes=sizes, avals=avals)
     # The sum has the dtype of its terms.
     return [
         y.sum(0, keepdims=True, dtype=x.dtype) if x.is_summed else y for x, y in zip(code.results, results, strict=True)
@@ -1180,16 +1165,16 @@ def _split(code: Code, name: str, n: int, arrays: Sequence[jax.Array]) -> list[j
 
 
 @functools.cache
-def _let_split(name: str) -> None:
+def _let_xla_split(name: str) -> None:
     jax.ffi.register_ffi_target_as_batch_partitionable(name)
 
 
-_split_p = Primitive("jaxspatial_call")
-_split_p.multiple_results = True
-_split_p.def_abstract_eval(lambda *_, name, sizes, avals: avals)
+_on_devices_p = Primitive("jaxspatial_call")
+_on_devices_p.multiple_results = True
+_on_devices_p.def_abstract_eval(lambda *_, name, sizes, avals: avals)
 
 
-def _lower_split(
+def _lower_on_devices(
     context: mlir.LoweringRuleContext,
     *arrays,
     name: str,
@@ -1211,7 +1196,7 @@ def _lower_split(
     return jax.ffi.ffi_lowering(name, extra_attributes=attributes)(context, *arrays)
 
 
-mlir.register_lowering(_split_p, _lower_split, platform="cpu")
+mlir.register_lowering(_on_devices_p, _lower_on_devices, platform="cpu")
 
 
 _PROBE = """

@@ -22,6 +22,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 
 from jaxspatial.engine import cpu, llvm_ir
 from jaxspatial.engine.graph import Graph
+from jaxspatial.engine.machine import Argument, Result
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.jax_internals import custom_partitioning
 
@@ -62,8 +63,8 @@ class Code(NamedTuple):
 
     text: str
     warps: int
-    arguments: tuple[cpu.Argument, ...]
-    results: tuple[cpu.Result, ...]
+    arguments: tuple[Argument, ...]
+    results: tuple[Result, ...]
 
 
 def least_alike(n: int) -> int:
@@ -71,7 +72,7 @@ def least_alike(n: int) -> int:
     return min(n, WARP)
 
 
-def code_of(graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n: int) -> Code:
+def code_of(graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n: int) -> Code:
     """The code of a graph for n states."""
     writer = _ThreadWriter(graph, arguments, results, min(n, WARP))
     return Code(writer.kernel(), writer.warps, tuple(arguments), tuple(results))
@@ -89,7 +90,7 @@ class _ThreadWriter(llvm_ir.Writer):
 
     frame = FRAME
 
-    def __init__(self, graph: Graph, arguments: Sequence[cpu.Argument], results: Sequence[cpu.Result], n_rows: int):
+    def __init__(self, graph: Graph, arguments: Sequence[Argument], results: Sequence[Result], n_rows: int):
         super().__init__(graph, 1, [x.is_shared for x in arguments], has_fma=True, n_registers=REGISTERS)
         self.arguments, self.results, self.n_rows = arguments, results, n_rows
         self.longest, n = MOST_OPERATIONS, len(arguments)
@@ -101,7 +102,7 @@ class _ThreadWriter(llvm_ir.Writer):
         for i, x in (*rows, *enumerate(arguments)):
             item = x.dtype.itemsize
             first = -(-size // item) * item
-            is_shared = isinstance(x, cpu.Argument) and x.is_shared
+            is_shared = isinstance(x, Argument) and x.is_shared
             if x.size and not is_shared and first + x.size * item <= LONGEST_ROW:
                 self.offsets[i], size = first, first + x.size * item
         large += [(i, x) for i, x in rows if x.size and i not in self.offsets]
@@ -112,15 +113,15 @@ class _ThreadWriter(llvm_ir.Writer):
         self.tile, self.tile_bytes = WARP * self.row_bytes, _odd(longest, item) if large else 0
         self.shared_bytes = -(-(self.tile + WARP * self.tile_bytes) // 16) * 16
         self.warps = max(1, min(WARPS, MOST_SHARED // max(self.shared_bytes, 1)))
-        self.outside = [i for i in range(n) if i not in self.offsets and arguments[i].size]
+        self.in_place = [i for i in range(n) if i not in self.offsets and arguments[i].size]
         self.parameters = ["ptr addrspace(3) noalias %rows", "ptr addrspace(5) noalias %frame", "i64 %state"]
-        self.parameters += [f"ptr addrspace(1) noalias %a{i}" for i in self.outside]
+        self.parameters += [f"ptr addrspace(1) noalias %a{i}" for i in self.in_place]
         self.parameters += [f"ptr addrspace(1) noalias %g{i}" for i, _ in large]
         # Of large results, which nodes a part of its columns waits for. Sums are made at the end.
         self.tiles: dict[tuple[int, int], set[llvm_ir.Item]] = {}
         for i, x in large:
             for first in range(0, x.size, self.columns[i]):
-                items = {self.order.items[node] for node in self._nodes_of(i, first)}
+                items = {self.scheduler.items[node] for node in self._nodes_of(i, first)}
                 self.tiles[i, first] = items - {None} | ({None} if x.is_summed else set())
         self.tiles_of: dict[llvm_ir.Item, list[tuple[int, int]]] = {}
         for tile, items in self.tiles.items():
@@ -140,7 +141,7 @@ class _ThreadWriter(llvm_ir.Writer):
 
     def _nodes_of(self, i: int, first: int) -> list[int]:
         """The nodes of a part of a large result."""
-        return self.g.results[i - len(self.arguments)].ravel()[first : first + self.columns[i]].tolist()
+        return self.graph.results[i - len(self.arguments)].ravel()[first : first + self.columns[i]].tolist()
 
     def note_homes(self) -> None:
         """A part of a large result is written where the last of its numbers is known."""
@@ -163,8 +164,8 @@ class _ThreadWriter(llvm_ir.Writer):
 
     def read_again(self, f: llvm_ir.Function, node: int) -> str:
         """Unknown to LLVM, which would else find that the operation was done before."""
-        value, dtype = self.read(f, node), self.g.dtypes[node]
-        if node in self.g.constants or node in self.g.copies or dtype.kind == "b":
+        value, dtype = self.read(f, node), self.graph.dtypes[node]
+        if node in self.graph.constants or node in self.graph.copies or dtype.kind == "b":
             return value
         letter = {"f": "f", "d": "d"}.get(dtype.char) or ("r" if dtype.itemsize == 4 else "l")
         hidden, t = f.new(), self.type(dtype)
@@ -194,7 +195,7 @@ class _ThreadWriter(llvm_ir.Writer):
         ]
 
     def kernel(self) -> str:
-        frame_bytes = self.planned()
+        frame_bytes = self.plan()
         n, n_rows = len(self.arguments), self.n_rows
         names = [f"%g{i}" for i in range(n + len(self.results))]
         f = llvm_ir.Function("kernel", [f"ptr addrspace(1) noalias {name}" for name in names])
@@ -224,8 +225,9 @@ class _ThreadWriter(llvm_ir.Writer):
         f.add("%own_state = add i64 %state, %own")
         for i, x in enumerate(self.arguments):
             if i in self.offsets:
-                self._copied(f, i, x, ("ptr addrspace(3) %shared", self.row_bytes, self.offsets[i]), range(x.size))
-        for i in self.outside:
+                rows = "ptr addrspace(3) %shared", self.row_bytes, self.offsets[i]
+                self._copy_columns(f, i, x, rows, range(x.size))
+        for i in self.in_place:
             x = self.arguments[i]
             state = "0" if x.is_shared else "%own_state"
             f.add(f"%at{i} = mul i64 {state}, {x.size * x.dtype.itemsize}")
@@ -238,9 +240,8 @@ class _ThreadWriter(llvm_ir.Writer):
             self.write(f, 0, self.pieces[0])
         else:
             functions = [self.piece(p) for p in range(len(self.pieces))]
-            for p in self.top:
-                self.called(f, p)
-        for node, places in self.at.items():
+            self.write_calls(f, self.top)
+        for node, places in self.result_places.items():
             if node not in self.home:
                 self.stored_results(f, node, places)
         self._synchronised(f)
@@ -249,7 +250,7 @@ class _ThreadWriter(llvm_ir.Writer):
         for i, x in enumerate(self.results, n):
             if i in self.offsets:
                 rows = "ptr addrspace(3) %shared", self.row_bytes, self.offsets[i]
-                self._written_back(f, i, x, rows, range(x.size))
+                self._write_back(f, i, x, rows, range(x.size))
         shared = f"@shared = internal addrspace(3) global [{self.warps * self.shared_bytes} x i8] undef, align 16"
         shared += f"\n@n_states = addrspace(4) externally_initialized constant i64 {N_STATES}"
         text = f.text("ptx_kernel ")
@@ -268,7 +269,7 @@ class _ThreadWriter(llvm_ir.Writer):
             self.stored(f, value, place, dtype)
         self._synchronised(f)
         tile = pointer, self.tile_bytes, self.tile - first * x.dtype.itemsize
-        self._written_back(f, i, x, tile, range(first, first + len(nodes)))
+        self._write_back(f, i, x, tile, range(first, first + len(nodes)))
         self._synchronised(f)
 
     def _synchronised(self, f: llvm_ir.Function) -> None:
@@ -314,7 +315,7 @@ class _ThreadWriter(llvm_ir.Writer):
         f.add(f"br label %{name}.end")
         f.lines.append(f"{name}.end:")
 
-    def _copied(
+    def _copy_columns(
         self, f: llvm_ir.Function, i: int, x, shared: tuple[str, int, int], columns: range, is_read: bool = True
     ) -> None:
         """Copies columns of an argument to shared memory, or of a result from there.
@@ -333,14 +334,14 @@ class _ThreadWriter(llvm_ir.Writer):
                 inside.append(f.new())
                 f.add(f"{inside[0]} = icmp ult i32 {column}, {wanted}")
 
-            def moved(turns: Sequence[int]) -> None:
+            def moved(places: Sequence[int]) -> None:
                 values = list[str]()
-                for turn in turns:
-                    pointer = self.offset(f, of, turn * rows * steps[0])  # noqa: B023
+                for k in places:
+                    pointer = self.offset(f, of, k * rows * steps[0])  # noqa: B023
                     values.append(f.new())
                     f.add(f"{values[-1]} = load {t}, {pointer}, align {item}")
-                for turn, value in zip(turns, values, strict=True):
-                    pointer = self.offset(f, to, turn * rows * steps[1])  # noqa: B023
+                for k, value in zip(places, values, strict=True):
+                    pointer = self.offset(f, to, k * rows * steps[1])  # noqa: B023
                     f.add(f"store {t} {value}, {pointer}, align {item}")
 
             with self._if(f, inside):
@@ -352,15 +353,13 @@ class _ThreadWriter(llvm_ir.Writer):
                 with self._if(f, inside):
                     moved([whole])
 
-    def _written_back(
-        self, f: llvm_ir.Function, i: int, x: cpu.Result, shared: tuple[str, int, int], columns: range
-    ) -> None:
+    def _write_back(self, f: llvm_ir.Function, i: int, x: Result, shared: tuple[str, int, int], columns: range) -> None:
         if x.is_summed:
-            self._summed(f, i, x, shared, columns)
+            self._write_sums(f, i, x, shared, columns)
         else:
-            self._copied(f, i, x, shared, columns, is_read=False)
+            self._copy_columns(f, i, x, shared, columns, is_read=False)
 
-    def _summed(self, f: llvm_ir.Function, i: int, x: cpu.Result, shared: tuple[str, int, int], columns: range) -> None:
+    def _write_sums(self, f: llvm_ir.Function, i: int, x: Result, shared: tuple[str, int, int], columns: range) -> None:
         """Writes sums over the states of the warp, of which each lane makes one."""
         pointer, row_bytes, offset = shared
         t, item = self.scalar(x.dtype), x.dtype.itemsize
@@ -433,10 +432,10 @@ def compiled(code: Code, capability: int | None = None) -> str:
         cpu.llvm.initialize_all_asmprinters()
         module = cpu.llvm.parse_assembly(f'target triple = "{TRIPLE}"\n{code.text}')
         module.verify()
-        machine = cpu.llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=target.cpu, opt=2)
-        return machine.emit_assembly(module).encode()
+        target_machine = cpu.llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=target.cpu, opt=2)
+        return target_machine.emit_assembly(module).encode()
 
-    return cpu.kept(f"{cpu.name_of([code.text], target)}.ptx", made).decode()
+    return cpu.on_disk(f"{cpu.name_of([code.text], target)}.ptx", made).decode()
 
 
 def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) -> list[jax.Array]:
@@ -451,7 +450,7 @@ def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) ->
     Returns:
         Arrays (n, size), or (1, size) where results are summed over states.
     """
-    return _split(code, arrays, n) if n_devices > 1 and n % n_devices == 0 else _called(code, arrays, n)
+    return _on_devices(code, arrays, n) if n_devices > 1 and n % n_devices == 0 else _called(code, arrays, n)
 
 
 def _called(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
@@ -479,7 +478,7 @@ def _along_axes(name: str, n: int) -> dict[str, np.int32]:
     return {f"{name}_{axis}": np.int32(k) for axis, k in zip("xyz", (n, 1, 1), strict=True)}
 
 
-def _split(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
+def _on_devices(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
     """The call, which each device makes for its states, an equal number of them; sums are added up over devices."""
 
     def whole(*arrays: jax.Array) -> tuple[jax.Array, ...]:
@@ -531,7 +530,7 @@ def is_available() -> bool:
         x, square, number = np.arange(1, 41, dtype=np.float32)[:, None], Graph(), np.dtype(np.float32)
         node = square.load(0, 0, number)
         square.results = [np.array([square.operation("mul", (node, node), number)])]
-        code = code_of(square, [cpu.Argument(1, number)], [cpu.Result(1, number)], WARP)
+        code = code_of(square, [Argument(1, number)], [Result(1, number)], WARP)
         # Whatever the caller forbids, or is in the middle of.
         with computed_at_once(), jax.default_device(device), jax.transfer_guard("allow"):
             (y,) = jax.jit(lambda x: call(code, [x], len(x)))(x)

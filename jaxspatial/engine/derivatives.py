@@ -17,13 +17,12 @@ from jax import lax
 from jaxspatial.engine.program import (
     Aval,
     Program,
-    Result,
     Traced,
     batch_axis_first,
     bind,
     n_states,
-    over_batch_of,
     program_p,
+    summed_like,
     zeros,
 )
 from jaxspatial.numerics import check
@@ -37,10 +36,10 @@ Moving = tuple[bool, ...]
 class Differentiable(Program):
     """A program with a tangent and a pull-back."""
 
-    def tangent(self, moving: Moving):
+    def tangent_program(self, moving: Moving) -> "Differentiable":
         return self.cached(("tangent", moving), lambda: Tangent(self, moving))
 
-    def pullback(self, moving: Moving, given: Moving | None = None):
+    def pullback_program(self, moving: Moving, given: Moving | None = None) -> "Differentiable":
         """given: whether the cotangent of each result that has one is not known to be zero; None for all."""
         given = None if given is None or all(given) else given
         return self.cached(("pullback", moving, given), lambda: Pullback(self, moving, given))
@@ -64,7 +63,7 @@ class Differentiable(Program):
         moving = tuple(not is_zero(t) for t in tangents)
         of_moving = [t for t in tangents if not is_zero(t)]
         results = bind(self, primals, n_batch)
-        rest = iter(bind(self.tangent(moving), [*primals, *of_moving], n_batch))
+        rest = iter(bind(self.tangent_program(moving), [*primals, *of_moving], n_batch))
         return results, [next(rest) if is_differentiable(y) else no_tangent(y) for y in results]
 
     def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
@@ -78,18 +77,25 @@ class Differentiable(Program):
         given = tuple(not is_zero(c) for c in cotangents)
         if not any(given):
             return [None] * sum(moving)
-        return bind(self.pullback(moving, given), [*at, *itertools.compress(cotangents, given)], n_batch)
+        return bind(self.pullback_program(moving, given), [*at, *itertools.compress(cotangents, given)], n_batch)
 
 
-class Derived(Differentiable):
-    """The derivative of another program with respect to the arguments marked in `moving`."""
+class OfProgram(Differentiable):
+    """A program that is made of another one, and computes as that does."""
 
-    def __init__(self, program: Differentiable, moving: Moving):
-        self.program, self.moving, self.is_wide = program, moving, program.is_wide
-        self.has_plain_products = program.has_plain_products
+    def __init__(self, program: Differentiable):
+        self.program, self.is_wide, self.has_plain_products = program, program.is_wide, program.has_plain_products
 
     def from_outside(self, x: jax.Array) -> jax.Array:
         return self.program.from_outside(x)
+
+
+class Derived(OfProgram):
+    """The derivative of another program with respect to the arguments marked in `moving`."""
+
+    def __init__(self, program: Differentiable, moving: Moving):
+        super().__init__(program)
+        self.moving = moving
 
     def needs_all_states(self, i: int):
         return i < len(self.moving) and self.program.needs_all_states(i)
@@ -99,7 +105,7 @@ class Derived(Differentiable):
         """The indices of the arguments that move."""
         return [i for i, yes in enumerate(self.moving) if yes]
 
-    def _split(self, arrays: Sequence) -> tuple[list, list]:
+    def _parted(self, arrays: Sequence) -> tuple[list, list]:
         """(the arguments of the program, its tangents or cotangents)."""
         n = len(self.moving)
         return list(arrays[:n]), list(arrays[n:])
@@ -108,7 +114,7 @@ class Derived(Differentiable):
         self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int
     ) -> tuple[list[jax.Array], list[jax.Array]] | None:
         """(the Jacobians, the tangents or cotangents with a new axis in front) if only these are mapped; else None."""
-        at, others = self._split(arrays)
+        at, others = self._parted(arrays)
         is_at_one_state = all(a is None for a in axes[: len(at)])
         jacobians = self.program.jacobians(self.moving, size) if is_at_one_state else None
         if jacobians is None:
@@ -116,17 +122,17 @@ class Derived(Differentiable):
         both = zip(others, axes[len(at) :], strict=True)
         return bind(jacobians, at, n_batch), [batch_axis_first(x, axis, size, False) for x, axis in both]
 
-    def _rule_at_one_state(
+    def _by_rule_at_one_state(
         self, run: Callable, arrays: Sequence[jax.Array], axes: Sequence[int | None], n_batch: int
     ) -> list[jax.Array] | None:
         """`run`, over mapped tangents or cotangents, if only these are mapped: the programs that the rule is made of
         share what does not depend on them."""
-        at, others = self._split(arrays)
+        at, others = self._parted(arrays)
         if any(axis is not None for axis in axes[: len(at)]):
             return None
         return jax.vmap(functools.partial(run, at, n_batch), axes[len(at) :])(*others)
 
-    def _ruled(self, at: list, n_batch: int, *tangents) -> list:
+    def _tangents_by_rule(self, at: list, n_batch: int, *tangents) -> list:
         """The tangents of the results, by the program's own rule, at those of the arguments that move."""
         rest = iter(tangents)
         every = [next(rest) if yes else no_tangent(x) for x, yes in zip(at, self.moving, strict=True)]
@@ -143,9 +149,9 @@ class Tangent(Derived):
     """(arguments, tangents of those that move) -> the tangents of the results: linear in the latter."""
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        arguments, tangents = self._split(arrays)
+        arguments, tangents = self._parted(arrays)
         if self.program.has_rule:
-            return self._ruled(arguments, 1, *tangents)
+            return self._tangents_by_rule(arguments, 1, *tangents)
         at, along = list[jax.Array](), list[jax.Array]()
         for x, t in zip(itertools.compress(arguments, self.moving), tangents, strict=True):
             shape = check.broadcast_shapes(x.shape, t.shape)
@@ -153,16 +159,15 @@ class Tangent(Derived):
             along.append(jnp.broadcast_to(t, shape))
         return jax.jvp(functools.partial(self._results, arguments), at, along)[1]
 
-    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
-        results = self.program.outputs(avals[: len(self.moving)])
-        return [(shape, dtype) for shape, dtype in results if jnp.issubdtype(dtype, jnp.floating)]
+    def outputs(self, avals: Sequence[Aval]) -> list[Aval]:
+        return list(filter(is_differentiable, self.program.outputs(avals[: len(self.moving)])))
 
     def primal_of(self, i: int):
         return self.program.primal_of(i)
 
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
         if self.program.has_rule:
-            return self._rule_at_one_state(self._ruled, arrays, axes, n_batch)
+            return self._by_rule_at_one_state(self._tangents_by_rule, arrays, axes, n_batch)
         at_one_state = self._at_one_state(arrays, axes, size, n_batch)
         if at_one_state is None:
             return None
@@ -172,7 +177,7 @@ class Tangent(Derived):
         return [times_columns(jnp.concatenate(matrices, -1), columns)]
 
     def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
-        at, tangents = self._split(arguments)
+        at, tangents = self._parted(arguments)
         linear = [ad.is_undefined_primal(t) for t in tangents]
         moving = tuple(i in [p for p, yes in zip(self.places, linear, strict=True) if yes] for i in range(len(at)))
         for i in itertools.compress(range(len(at)), moving):
@@ -199,9 +204,9 @@ class Pullback(Derived):
         return list(results if self.given is None else itertools.compress(results, self.given))
 
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
-        arguments, cotangents = self._split(arrays)
+        arguments, cotangents = self._parted(arrays)
         if self.program.has_rule:
-            return self._pulled_back(arguments, 1, *map(self.from_outside, cotangents))
+            return self._cotangents_by_rule(arguments, 1, *map(self.from_outside, cotangents))
         n = n_states(arrays)
 
         def over_all(*moved: jax.Array):
@@ -217,25 +222,27 @@ class Pullback(Derived):
         cotangents = map(self.from_outside, cotangents)
         return list(back([jnp.broadcast_to(c, y.shape) for c, y in zip(cotangents, results, strict=True)]))
 
-    def _pulled_back(self, at: list, n_batch: int, *cotangents) -> list:
+    def _cotangents_by_rule(self, at: list, n_batch: int, *cotangents) -> list:
         """The cotangents of the arguments that move, by the program's own rule, at those of results."""
         moved = (jax.ShapeDtypeStruct(x.shape, x.dtype) for x in itertools.compress(at, self.moving))
-        transposed = jax.linear_transpose(lambda *t: self._with_cotangents(self._ruled(at, n_batch, *t)), *moved)
+        transposed = jax.linear_transpose(
+            lambda *t: self._with_cotangents(self._tangents_by_rule(at, n_batch, *t)), *moved
+        )
         return list(transposed(list(cotangents)))
 
-    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
-        return [(a.shape, a.dtype) for a in itertools.compress(avals, self.moving)]
+    def outputs(self, avals: Sequence[Aval]) -> list[Aval]:
+        return [*itertools.compress(avals, self.moving)]
 
     def batched(self, arrays: Sequence[jax.Array], axes: Sequence[int | None], size: int, n_batch: int):
         if self.program.has_rule:
-            return self._rule_at_one_state(self._pulled_back, arrays, axes, n_batch)
+            return self._by_rule_at_one_state(self._cotangents_by_rule, arrays, axes, n_batch)
         at_one_state = self._at_one_state(arrays, axes, size, n_batch)
         if at_one_state is None:
             return None
         matrices, (cotangents,) = at_one_state
         pulled = (times_columns(jnp.swapaxes(J, -1, -2), cotangents) for J in matrices)
         like = (jax.ShapeDtypeStruct((size, *x.shape), x.dtype) for x in itertools.compress(arrays, self.moving))
-        return [over_batch_of(y, x) for x, y in zip(like, pulled, strict=True)]
+        return [summed_like(y, x) for x, y in zip(like, pulled, strict=True)]
 
     def primal_of(self, i: int) -> int | None:
         return self.places[i]
@@ -244,12 +251,12 @@ class Pullback(Derived):
         return i < len(self.moving) and (self.moving[i] or self.program.needs_all_states(i))
 
 
-class Selection(Differentiable):
+class Selection(OfProgram):
     """A program that leaves out the results which nobody reads. wanted: whether each result is read."""
 
     def __init__(self, program: Differentiable, wanted: Moving):
-        self.program, self.wanted, self.is_wide = program, wanted, program.is_wide
-        self.has_plain_products = program.has_plain_products
+        super().__init__(program)
+        self.wanted = wanted
 
     def traced(self, avals: Sequence[Aval]) -> Traced:
         """The trace of the whole program, without what is dead now."""
@@ -258,10 +265,7 @@ class Selection(Differentiable):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         return [*itertools.compress(self.program.evaluate(*arrays), self.wanted)]
 
-    def from_outside(self, x: jax.Array) -> jax.Array:
-        return self.program.from_outside(x)
-
-    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+    def outputs(self, avals: Sequence[Aval]) -> list[Aval]:
         return [*itertools.compress(self.program.outputs(avals), self.wanted)]
 
     def primal_of(self, i: int) -> int | None:
@@ -323,10 +327,6 @@ def valued(x: jax.Array, value: jax.Array) -> jax.Array:
 def _(primals, tangents):
     # Not the number itself, which is a constant: its derivatives of the next order would be lost.
     return valued(*primals), tangents[0]
-
-
-def pullback(function: Callable, *at) -> Callable[..., tuple]:
-    return jax.vjp(function, *at)[1]
 
 
 def times_columns(matrix: jax.Array, columns: jax.Array):

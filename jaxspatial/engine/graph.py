@@ -87,9 +87,9 @@ class Graph:
         self.results: list[Nodes] = []
         self.copies = set[int]()
         self._known: dict[Any, int] = {}
-        self._tables: dict[tuple[int, ...], int] = {}
+        self._table_numbers: dict[tuple[int, ...], int] = {}
         # The branch that is being read: what is new is computed there, whatever it is made of, and known only there.
-        self._branch, self._known_there = 0, list[Any]()
+        self._branch_region, self._known_there = 0, list[Any]()
 
     def __len__(self) -> int:
         return len(self.operations)
@@ -117,12 +117,12 @@ class Graph:
         key = (name, *operands) if name not in ("convert", "bitcast") else (name, *operands, dtype.char)
         node = self._known.get(key)
         if node is None:
-            node = self._known[key] = self._made(name, operands, dtype)
-            if self._branch:
+            node = self._known[key] = self._simplest(name, operands, dtype)
+            if self._branch_region:
                 self._known_there.append(key)
         return node
 
-    def _made(self, name: str, operands: tuple[int, ...], dtype: np.dtype) -> int:
+    def _simplest(self, name: str, operands: tuple[int, ...], dtype: np.dtype) -> int:
         constants, depths, regions = self.constants, self.depths, self.regions
         for x in operands:
             if x not in constants:
@@ -133,7 +133,7 @@ class Graph:
         simpler = _SIMPLER.get(name)
         if simpler is not None and (node := simpler(self, *operands)) is not None:
             return node
-        region = self._branch
+        region = self._branch_region
         for x in operands:
             r = regions[x]
             if depths[r] > depths[region]:
@@ -159,19 +159,19 @@ class Graph:
             is_row = operations == {"constant"}
         if not is_row or self.dtypes[table[0]] == BOOL:
             raise NotSupportedError("a gather from what is computed")
-        if table not in self._tables:
-            self._tables[table] = len(self.tables)
+        if table not in self._table_numbers:
+            self._table_numbers[table] = len(self.tables)
             self.tables.append(table)
-        return self._tables[table]
+        return self._table_numbers[table]
 
     def lookup(self, table: int, index: int, places: int, dtype: np.dtype) -> int:
         """The node of the number of a table so many places behind an index, which is in its range."""
         key = "lookup", table, index, places
         if key not in self._known:
-            region = max(self._branch, self.regions[index], key=self.depths.__getitem__)
+            region = max(self._branch_region, self.regions[index], key=self.depths.__getitem__)
             self._known[key] = node = self._added("lookup", (index,), dtype, region)
             self.details[node] = table, places
-            if self._branch:
+            if self._branch_region:
                 self._known_there.append(key)
         return self._known[key]
 
@@ -196,29 +196,28 @@ class Graph:
         """A new branch, in which nodes are made meanwhile."""
         loop = self.begun(around, None)
         loop.is_branch = True
-        before = self._branch, self._known_there
-        self._branch, self._known_there = loop.region, []
+        before = self._branch_region, self._known_there
+        self._branch_region, self._known_there = loop.region, []
         yield loop
         for key in self._known_there:
             del self._known[key]
-        self._branch, self._known_there = before
+        self._branch_region, self._known_there = before
 
     def parameter(self, loop: Loop, name: str, dtype: np.dtype) -> int:
         node = self._added(name, (), dtype, loop.region)
         self.details[node] = self.loops.index(loop)
         return node
 
-    def result(self, loop: Loop, name: str, which: int, row: int, dtype: np.dtype) -> int:
+    def loop_result(self, loop: Loop, name: str, which: int, row: int, dtype: np.dtype) -> int:
         node = self._added(name, (), dtype, self.parents[loop.region])
         self.details[node] = self.loops.index(loop), which, row
         return node
 
-    def is_inside(self, node: int, region: int) -> bool:
-        """Whether a node is computed in a region, or in one inside of it."""
-        r = self.regions[node]
-        while self.depths[r] > self.depths[region]:
-            r = self.parents[r]
-        return r == region
+    def is_inside(self, inner: int, outer: int) -> bool:
+        """Whether a region is another one, or inside of it."""
+        while self.depths[inner] > self.depths[outer]:
+            inner = self.parents[inner]
+        return inner == outer
 
 
 # -- operations --------------------------------------------------------------------------------------------------------
@@ -241,7 +240,7 @@ def _product_error(d: np.dtype, a, b, p):
     return np.ldexp((product - np.ldexp(p, -exponent)) + np.where(usual, error, 0), exponent)
 
 
-def _fused(d: np.dtype, a, b, c):
+def _fma(d: np.dtype, a, b, c):
     """a b + c rounded once, while the error of a b is a normal number. [Boldo, Melquiond 2008, Emulation of FMA and
     correctly rounded sums: proved algorithms using rounding to odd, Fig. 5]"""
     if d == np.float32:  # Whose products float64 holds.
@@ -294,7 +293,7 @@ EVALUATE: dict[str, Callable] = {
     "div": lambda d, a, b: a / b if d.kind == "f" else np.where(b == 0, ~d.type(0), (a - np.fmod(a, b)) // b),
     "rem": lambda d, a, b: np.fmod(a, b) if d.kind == "f" else np.where(b == 0, a, np.fmod(a, b)),
     "product_error": _product_error,
-    "fma": _fused,
+    "fma": _fma,
     "neg": lambda d, a: -a,
     "abs": lambda d, a: np.abs(a),
     "sqrt": lambda d, a: np.sqrt(a),
@@ -375,7 +374,7 @@ _ELEMENTWISE |= {
 }
 # Sums and products that a compiler may make one operation of, where bits are not promised. Those of the library's own
 # primitives are rounded one by one.
-_FUSED = {"mul", "add", "sub", "add_any"}
+_FUSIBLE = {"mul", "add", "sub", "add_any"}
 # What keeps XLA from rewriting arithmetic, or says where arrays are: our compiler rewrites nothing.
 _UNCHANGED = {
     "jaxspatial_barrier",
@@ -409,9 +408,9 @@ _REDUCTIONS = {
     "reduce_prod": "mul",
 }
 # The results of a trace, of nodes in place of its arguments, and whether `a * b + c` may be rounded once in it.
-Run = Callable[[Any, Sequence[Nodes], bool], list[Nodes]]
-# Of a primitive that stands for a trace: a function of (equation, Run, nodes) -> its results; None of any other.
-Expand = Callable[[Any, Run, list[Nodes]], list[Nodes] | None]
+Read = Callable[[Any, Sequence[Nodes], bool], list[Nodes]]
+# Of a primitive that stands for a trace: a function of (equation, Read, nodes) -> its results; None of any other.
+Expand = Callable[[Any, Read, list[Nodes]], list[Nodes] | None]
 
 
 def graph_of(
@@ -436,7 +435,7 @@ def graph_of(
         _require_supported(dtype)
         nodes = [builder.graph.load(i, j, dtype) for j in range(int(np.prod(aval.shape)))]
         arguments.append(np.array(nodes, np.int64).reshape(aval.shape))
-    builder.graph.results = [np.asarray(x) for x in builder.run(closed, arguments)]
+    builder.graph.results = [np.asarray(x) for x in builder.read(closed, arguments)]
     return builder.graph
 
 
@@ -456,7 +455,7 @@ class _Builder:
         self._loose = set[int]()
         self._singles: dict[tuple[int, tuple[int, ...]], Nodes] = {}
 
-    def run(self, closed, arguments: Sequence[Nodes]) -> list[Nodes]:
+    def read(self, closed, arguments: Sequence[Nodes]) -> list[Nodes]:
         jaxpr, values = closed.jaxpr, dict[Any, Nodes]()
         values.update(zip(jaxpr.constvars, map(self.lifted, closed.consts), strict=True))
         values.update(zip(jaxpr.invars, arguments, strict=True))
@@ -467,10 +466,10 @@ class _Builder:
                 values[v] = result
         return [literal(x) if type(x) is Literal else values[x] for x in jaxpr.outvars]
 
-    def run_within(self, closed, arguments: Sequence[Nodes], may_fuse: bool) -> list[Nodes]:
+    def read_within(self, closed, arguments: Sequence[Nodes], may_fuse: bool) -> list[Nodes]:
         """Runs a trace that a primitive stands for."""
         before, self.may_fuse = self.may_fuse, may_fuse
-        results = self.run(closed, arguments)
+        results = self.read(closed, arguments)
         self.may_fuse = before
         return results
 
@@ -514,7 +513,7 @@ class _Builder:
         if (operation := _ELEMENTWISE.get(name)) is not None:
             dtype = eqn.outvars[0].aval.dtype
             _require_supported(dtype)
-            if self.may_fuse and name in _FUSED:
+            if self.may_fuse and name in _FUSIBLE:
                 return [self._fused(operation, dtype, *x)]
             return [self.each(operation, dtype, *x)]
         if name in _UNCHANGED:
@@ -522,11 +521,11 @@ class _Builder:
         if (moved := _MOVED.get(name)) is not None:
             return [moved(eqn.params, eqn.outvars[0].aval.shape, *x)]
         if name in CALLS or name in ("pjit", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint"):
-            return self.run(called(eqn), x)
+            return self.read(called(eqn), x)
         method = getattr(self, f"_{name.replace('-', '_')}", None)
         if method is not None:
             return method(eqn, *x)
-        if (results := self.expand(eqn, self.run_within, x)) is not None:
+        if (results := self.expand(eqn, self.read_within, x)) is not None:
             return results
         if name in _REDUCTIONS:
             dtype, axes = np.dtype(eqn.outvars[0].aval.dtype), eqn.params["axes"]
@@ -712,7 +711,9 @@ class _Builder:
 
     def _gather(self, eqn, x: Nodes, indices: Nodes) -> list[Nodes]:
         d = eqn.params["dimension_numbers"]
-        axes = _Axes(d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims, d.start_indices_batching_dims)
+        axes = _WindowAxes(
+            d.collapsed_slice_dims, d.start_index_map, d.operand_batching_dims, d.start_indices_batching_dims
+        )
         is_known = all(i in self.graph.constants for i in indices.ravel().tolist())
         is_inside = eqn.params["mode"] in (lax.GatherScatterMode.CLIP, lax.GatherScatterMode.PROMISE_IN_BOUNDS)
         sizes, n_batch = eqn.params["slice_sizes"], indices.ndim - 1
@@ -723,7 +724,7 @@ class _Builder:
             y = x.ravel()[self._windows(x.shape, sizes, indices, axes)]
         return [np.moveaxis(y, range(n_batch, y.ndim), d.offset_dims)]
 
-    def _looked_up(self, x: Nodes, sizes: Sequence[int], indices: Nodes, axes: "_Axes") -> Nodes:
+    def _looked_up(self, x: Nodes, sizes: Sequence[int], indices: Nodes, axes: "_WindowAxes") -> Nodes:
         """Windows of a table at indices, which are moved to lie in it: (*batch, *axes that windows keep)."""
         graph, flat = self.graph, x.ravel().tolist()
         table, dtype, kind = graph.table(flat), graph.dtypes[flat[0]], graph.dtypes[int(indices.flat[0])]
@@ -747,7 +748,7 @@ class _Builder:
 
     def _scatter_add(self, eqn, x: Nodes, indices: Nodes, new: Nodes) -> list[Nodes]:
         d, dtype = eqn.params["dimension_numbers"], np.dtype(eqn.outvars[0].aval.dtype)
-        axes = _Axes(
+        axes = _WindowAxes(
             d.inserted_window_dims,
             d.scatter_dims_to_operand_dims,
             d.operand_batching_dims,
@@ -762,7 +763,7 @@ class _Builder:
             flat[place] = self.graph.operation("add", (int(flat[place]), node), dtype)
         return [flat.reshape(x.shape)]
 
-    def _windows(self, shape: tuple[int, ...], sizes: Sequence[int], indices: Nodes, axes: "_Axes") -> np.ndarray:
+    def _windows(self, shape: tuple[int, ...], sizes: Sequence[int], indices: Nodes, axes: "_WindowAxes") -> np.ndarray:
         """The places in a flat array of windows of such sizes: (*batch of the indices, *axes that windows keep)."""
         constants, n = self.graph.constants, len(shape)
         if any(i not in constants for i in indices.ravel().tolist()):
@@ -881,17 +882,17 @@ class _Builder:
         branches, node = eqn.params["branches"], int(index[()])
         if node in self.graph.constants:
             k = int(self.graph.constants[node])
-            return self.run(branches[max(0, min(k, len(branches) - 1))], x)
+            return self.read(branches[max(0, min(k, len(branches) - 1))], x)
         (condition,) = self.graph.operands[node] if self.graph.operations[node] == "convert" else (node,)
         # Within a branch that is taken where the condition holds, it is known.
         if condition in self.graph.constants:
-            return self.run(branches[bool(self.graph.constants[condition])], x)
+            return self.read(branches[bool(self.graph.constants[condition])], x)
         # Of states side by side all take both ways, where one is short.
         if len(branches) == 2 and self.graph.dtypes[condition] == BOOL:
             sizes = [_size(branch.jaxpr) for branch in branches]
             if min(sizes) == 0 and max(sizes) >= LEAST_SKIPPED:
                 return self._skipped(condition, branches, sizes[1] > 0, x)
-        results = [self.run(branch, x) for branch in branches]
+        results = [self.read(branch, x) for branch in branches]
         if self.graph.dtypes[node] == BOOL:
             both = zip(*results, strict=True)
             return [self.each("select", self._dtype(yes), index, yes, no) for no, yes in both]
@@ -899,7 +900,7 @@ class _Builder:
 
     def _skipped(self, condition: int, branches: Sequence, of: bool, x: Sequence[Nodes]) -> list[Nodes]:
         """The results of a branch that is taken where the condition is `of`; else those of the other."""
-        graph, others = self.graph, self.run(branches[not of], x)
+        graph, others = self.graph, self.read(branches[not of], x)
         before, starts = self.region, _flat(others)
         holds = condition if of else graph.operation("not", (condition,), BOOL)
         with graph.branch(before) as loop:
@@ -907,7 +908,7 @@ class _Builder:
             # Nobody reads what is computed there for states that do not take it.
             known = {condition: np.bool_(of), holds: np.bool_(True)}
             graph.constants.update(known)
-            ends = _flat(self.run(branches[of], x))
+            ends = _flat(self.read(branches[of], x))
             for node in known:
                 del graph.constants[node]
             self.region = before
@@ -916,7 +917,7 @@ class _Builder:
             if start != end and (start, end) not in found:
                 loop.carried.append((graph.parameter(loop, "carried", graph.dtypes[start]), start, end))
                 which = len(loop.carried) - 1
-                found[start, end] = graph.result(loop, "last", which, 0, graph.dtypes[start])
+                found[start, end] = graph.loop_result(loop, "last", which, 0, graph.dtypes[start])
             last.append(start if start == end else found[start, end])
         return _unflat(last, others)
 
@@ -924,7 +925,7 @@ class _Builder:
         """The solution by the caller's function; the others are for derivatives."""
         lengths, solve = eqn.params["const_lengths"], eqn.params["jaxprs"].solve
         first = lengths.matvec + lengths.vecmat
-        return self.run(solve, [*x[first : first + lengths.solve], *x[sum(lengths) :]])
+        return self.read(solve, [*x[first : first + lengths.solve], *x[sum(lengths) :]])
 
     def _dtype(self, x: Nodes) -> np.dtype:
         return self.graph.dtypes[int(x.flat[0])] if x.size else BOOL
@@ -935,9 +936,9 @@ class _Builder:
         of_condition, of_body = x[:n_condition], x[n_condition : n_condition + n_body]
 
         def turn(loop: Loop, carry: Sequence[Nodes], _: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
-            (condition,) = self.run(p["cond_jaxpr"], [*of_condition, *carry])
+            (condition,) = self.read(p["cond_jaxpr"], [*of_condition, *carry])
             loop.condition = int(condition.ravel()[0])
-            return self.run(p["body_jaxpr"], [*of_body, *carry]), []
+            return self.read(p["body_jaxpr"], [*of_body, *carry]), []
 
         return self._looped(turn, None, list(x[n_condition + n_body :]), [])[0]
 
@@ -952,11 +953,11 @@ class _Builder:
         consts, carry, rows = x[:n_consts], list(x[n_consts : n_consts + n_carry]), x[n_consts + n_carry :]
 
         def turn(_, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
-            results = self.run(p["jaxpr"], [*consts, *carry, *row])
+            results = self.read(p["jaxpr"], [*consts, *carry, *row])
             return results[:n_carry], results[n_carry:]
 
         count, pieces = len(p["jaxpr"].jaxpr.outvars) - n_carry, list[list[Nodes]]()
-        runs = self._runs(rows, length)
+        runs = self._alike_rows(rows, length)
         if p["reverse"]:
             runs = runs[::-1]
         size = _size(p["jaxpr"].jaxpr)
@@ -980,7 +981,7 @@ class _Builder:
             return [*carry, *(self.lifted(np.zeros(v.aval.shape, v.aval.dtype)) for v in eqn.outvars[n_carry:])]
         return [*carry, *(np.concatenate([piece[i] for piece in pieces]) for i in range(count))]
 
-    def _runs(self, rows: Sequence[Nodes], length: int) -> list[tuple[int, int]]:
+    def _alike_rows(self, rows: Sequence[Nodes], length: int) -> list[tuple[int, int]]:
         """(first, last) of rows that follow each other and have the same known integers."""
         constants, dtypes = self.graph.constants, self.graph.dtypes
         known = [
@@ -1028,7 +1029,7 @@ class _Builder:
         loop.carried = [(parameters[k], flat[k], new[k]) for k in moving]
         last = list(flat)
         for which, k in enumerate(moving):
-            last[k] = graph.result(loop, "last", which, 0, graph.dtypes[flat[k]])
+            last[k] = graph.loop_result(loop, "last", which, 0, graph.dtypes[flat[k]])
         return _unflat(last, carry), [self._of_all_turns(loop, y) for y in stacked]
 
     def _of_row(self, loop: Loop, rows: Nodes) -> Nodes:
@@ -1051,7 +1052,7 @@ class _Builder:
         graph, n = self.graph, cast(int, loop.length)
         columns: list[list[int]] = []
         for node in x.ravel().tolist():
-            if not graph.is_inside(node, loop.region):
+            if not graph.is_inside(graph.regions[node], loop.region):
                 columns.append([node] * n)
                 continue
             if node in loop.stacked:
@@ -1063,12 +1064,12 @@ class _Builder:
             for row in range(n):
                 key = "stacked", loop.region, which, row
                 if key not in graph._known:
-                    graph._known[key] = graph.result(loop, "stacked", which, row, graph.dtypes[node])
+                    graph._known[key] = graph.loop_result(loop, "stacked", which, row, graph.dtypes[node])
                 columns[-1].append(graph._known[key])
         return np.array(columns, np.int64).reshape((-1, n)).T.reshape((n, *x.shape))
 
 
-class _Axes(NamedTuple):
+class _WindowAxes(NamedTuple):
     """Of an array that is gathered from, or scattered to: axes that windows do not keep, axes that indices are of, and
     axes that are batches, with those of the indices that these go with."""
 
@@ -1107,7 +1108,7 @@ def _size(jaxpr) -> int:
 # -- evaluation with NumPy ---------------------------------------------------------------------------------------------
 
 
-class _Values(NamedTuple):
+class _Evaluation(NamedTuple):
     graph: Graph
     arguments: Sequence[np.ndarray]
     known: dict[int, Any]
@@ -1119,13 +1120,13 @@ def run(graph: Graph, *arguments: np.ndarray) -> list[np.ndarray]:
     Slow, and right by inspection: what compilers make of graphs is compared with it.
     """
     size = max((len(x) for x in arguments), default=1)
-    values = _Values(graph, [np.broadcast_to(x.reshape((len(x), -1)), (size, x[0].size)) for x in arguments], {})
+    values = _Evaluation(graph, [np.broadcast_to(x.reshape((len(x), -1)), (size, x[0].size)) for x in arguments], {})
     with np.errstate(all="ignore"):
         found = [[_value(values, n) for n in x.ravel().tolist()] for x in graph.results]
     return [np.stack([np.broadcast_to(x, (size,)) for x in row], 1) if row else np.empty((size, 0)) for row in found]
 
 
-def _value(values: _Values, node: int):
+def _value(values: _Evaluation, node: int):
     """The value of a node: an array (B,), or a scalar. Its operands come first, without recursion."""
     graph, known, waiting = values.graph, values.known, [node]
     while waiting:
@@ -1142,7 +1143,7 @@ def _value(values: _Values, node: int):
     return known[node]
 
 
-def _evaluated(values: _Values, node: int):
+def _evaluated(values: _Evaluation, node: int):
     graph, name = values.graph, values.graph.operations[node]
     if name == "constant":
         return graph.constants[node]
@@ -1165,7 +1166,7 @@ def looked_up(table: Sequence[Any], index, places: int):
     return np.take_along_axis(np.stack(rows), index[None] + places, 0)[0]
 
 
-def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:
+def _results_of_loop(values: _Evaluation, loop: Loop) -> dict[str, dict[Any, Any]]:
     graph, known = values.graph, values.known
     key = -1 - loop.region
     if key in known:
@@ -1175,7 +1176,8 @@ def _results_of_loop(values: _Values, loop: Loop) -> dict[str, dict[Any, Any]]:
     stacked: dict[Any, Any] = {}
     turns = itertools.count() if loop.length is None else range(loop.length)[:: -1 if loop.is_reverse else 1]
     for k in turns:
-        inner = values._replace(known={n: x for n, x in known.items() if n < 0 or not graph.is_inside(n, loop.region)})
+        outside = {n: x for n, x in known.items() if n < 0 or not graph.is_inside(graph.regions[n], loop.region)}
+        inner = values._replace(known=outside)
         inner.known.update(zip((p for p, _, _ in loop.carried), carry, strict=True))
         inner.known.update({p: x[k] for p, x in rows.items()})
         goes_on = True if loop.length is not None else _value(inner, loop.condition)

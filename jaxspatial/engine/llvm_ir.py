@@ -8,7 +8,7 @@ writes, as tables.
 
 States may need very different numbers of turns of a long `while` loop, such as Newton's method of a step with contact.
 Of W states side by side each turn takes as long for one that goes on as for all. So such a program is split: what is in
-front of the loop, turns, and what is behind. In between, states that go on can be moved: see `Written`.
+front of the loop, turns, and what is behind. In between, states that go on can be moved: see `BlockIR`.
 
 Nothing is contracted, rearranged or assumed: results have the bits of the graph, operation by operation.
 """
@@ -41,13 +41,9 @@ _GUARDED = {"div", "rem", *_SHIFTS}
 # What is read where it lies, as often as it is used: nodes that are no operations.
 _PLACES = {"constant", "load", "carried", "row", "last", "stacked"}
 _OF_LOOPS = {"row", "last", "stacked"}
-Table = tuple[str, Any, int]  # what, where, and the places from row to row
-Place = tuple[
-    int | None, int, np.dtype
-]  # of numbers of W states: the argument or, None, the frame; bytes from its start
 
 
-class Written(NamedTuple):
+class BlockIR(NamedTuple):
     """The IR of a graph. It defines `@block(ptr %arguments, ptr %results, ptr %frame)`: for W states, with pointers to
     their numbers (n, W), or (n,) of arguments that all states share, and frame_bytes of scratch memory.
 
@@ -65,27 +61,27 @@ class Written(NamedTuple):
     is_split: bool = False
 
 
-def written(
+def ir_of(
     graph: Graph, width: int, is_shared: Sequence[bool], has_fma: bool = True, has_compress: bool = False
-) -> Written:
+) -> BlockIR:
     """The IR of a graph for `width` states.
 
     is_shared: whether all states share an argument. has_fma: whether the processor multiplies and adds in one step;
     without, the error of a product has the same bits, and takes more steps. has_compress: whether it brings some
     numbers of a vector together in one step.
     """
-    return Writer(graph, width, is_shared, has_fma, has_compress).written()
+    return Writer(graph, width, is_shared, has_fma, has_compress).block_ir()
 
 
 # -- which operations are needed, and in which order -------------------------------------------------------------------
 
 
-class _Order:
+class Scheduler:
     """The operations that results need, and orders of them.
 
-    members: by region its operations, and its loops. outside: by loop, the nodes that it reads and does not make.
-    within: parameters of branches that are read only in branches with the same condition: where that is false, they may
-    have any value, or none.
+    members: by region its operations, and its loops. inputs: by loop, the nodes that it reads and does not make.
+    only_in_branches: parameters of branches that are read only in branches with the same condition: where that is
+    false, they may have any value, or none.
     """
 
     def __init__(self, graph: Graph, n_registers: int = N_REGISTERS):
@@ -108,9 +104,13 @@ class _Order:
         for node in sorted(self.live):
             if graph.operations[node] not in _PLACES:
                 self.members[graph.regions[node]].append(node)
-        self.inner = {k: [j for j in sorted(self.live_loops) if self._is_within(j, k)] for k in self.live_loops}
-        self.outside = {k: self._outside(k) for k in self.live_loops}
-        self.within = self._within()
+        around = {k: graph.parents[graph.loops[k].region] for k in self.live_loops}
+        self.inner = {
+            k: [j for j in sorted(self.live_loops) if graph.is_inside(around[j], graph.loops[k].region)]
+            for k in self.live_loops
+        }
+        self.inputs = {k: self._inputs_of(k) for k in self.live_loops}
+        self.only_in_branches = self._only_in_branches()
 
     def _find(self) -> None:
         g, waiting = self.graph, list(self.roots)
@@ -138,13 +138,6 @@ class _Order:
             else:
                 waiting.append(loop.stacked[g.details[node][1]])
 
-    def _is_within(self, inner: int, outer: int) -> bool:
-        g = self.graph
-        r, region = g.parents[g.loops[inner].region], g.loops[outer].region
-        while g.depths[r] > g.depths[region]:
-            r = g.parents[r]
-        return r == region
-
     def carried_of(self, loop: Loop) -> list[tuple[int, int, int]]:
         return [c for c in loop.carried if c[0] in self.live]
 
@@ -169,7 +162,7 @@ class _Order:
             *(n for p in self.rows_of(loop) for n in loop.rows[p]),
         ]
 
-    def _outside(self, k: int) -> list[int]:
+    def _inputs_of(self, k: int) -> list[int]:
         g, region = self.graph, self.graph.loops[k].region
         found = dict.fromkeys(self.starts(k))
         for j in (k, *self.inner[k]):
@@ -178,10 +171,10 @@ class _Order:
             reads += self.ends(j)
             reads += [loop.condition] if loop.length is None else []
             reads += self.starts(j) if j != k else []
-            found.update(dict.fromkeys(x for x in reads if not g.is_inside(x, region)))
+            found.update(dict.fromkeys(x for x in reads if not g.is_inside(g.regions[x], region)))
         return list(found)
 
-    def _within(self) -> set[int]:
+    def _only_in_branches(self) -> set[int]:
         g = self.graph
         branch_at = {loop.region: loop for loop in g.loops if loop.is_branch}
         found = {c[0] for k in self.live_loops if g.loops[k].is_branch for c in self.carried_of(g.loops[k])}
@@ -225,9 +218,10 @@ class _Order:
         as_traced = sorted(order, key=lambda item: self.first[item] if type(item) is tuple else item)
         if self.n_registers > N_REGISTERS:
             backward = self._depth_first(region, roots[::-1], done)
-            ordered = [registers.Order(self.graph, x, self.items, self._reads) for x in (as_traced, order, backward)]
-            ordered = [ordered[0], *(x.with_few_waiting(roots) for x in ordered[1:])]
-            best = min(ordered, key=lambda x: x.excess(self.n_registers))
+            all_items = as_traced, order, backward
+            orders = [registers.Order(self.graph, x, self.items, self.nodes_read) for x in all_items]
+            orders = [orders[0], *(x.with_few_waiting(roots) for x in orders[1:])]
+            best = min(orders, key=lambda x: x.excess(self.n_registers))
             if region == 0:
                 best.compute_again(self.n_registers)
             order = best.items
@@ -236,8 +230,8 @@ class _Order:
         done.update(order)
         return order
 
-    def _reads(self, item: Item) -> Iterable[int]:
-        return self.outside[item[0]] if type(item) is tuple else self.graph.operands[item]
+    def nodes_read(self, item: Item) -> Iterable[int]:
+        return self.inputs[item[0]] if type(item) is tuple else self.graph.operands[item]
 
     def _depth_first(self, region: int, roots: Sequence[int], done: set[Item]) -> list[Item]:
         items, regions, order, done = self.items, self.graph.regions, list[Item](), set(done)
@@ -249,7 +243,7 @@ class _Order:
                 item = items[node]
                 if item is not None and regions[node] == region and item not in done:
                     done.add(item)
-                    stack.append((item, iter(self._reads(item))))
+                    stack.append((item, iter(self.nodes_read(item))))
                     break
             else:
                 stack.pop()
@@ -262,7 +256,7 @@ class _Order:
         items, last, count = self.items, dict[Item, int](), 0
         for k, item in enumerate(order):
             last[item] = k
-            for node in self._reads(item):
+            for node in self.nodes_read(item):
                 read = items[node]
                 if read in last:
                     count += k - last[read] > self.n_registers
@@ -274,7 +268,27 @@ class _Order:
         return 4 + sum(len(self.members[self.graph.loops[j].region]) for j in (item[0], *self.inner[item[0]]))
 
 
-class _Body(NamedTuple):
+class _Rows(NamedTuple):
+    """Where rows that a loop reads lie: in an argument, among what another loop stacked, or constants.
+
+    first: of an argument its number and the first place, of what is stacked the `details` of the first row, of
+    constants their nodes. step: the places from row to row.
+    """
+
+    operation: str
+    first: Any
+    step: int
+
+
+class _Place(NamedTuple):
+    """Where numbers of W states are: in an argument, None for the frame, so many bytes from its start."""
+
+    argument: int | None
+    first: int
+    dtype: np.dtype
+
+
+class _BodyPieces(NamedTuple):
     """A loop: pieces in front of its condition, and after. own: the piece that begins and ends turns."""
 
     own: int
@@ -354,32 +368,32 @@ class Writer:
         has_compress: bool = False,
         n_registers: int = N_REGISTERS,
     ):
-        self.g, self.width, self.is_shared, self.order = graph, width, is_shared, _Order(graph, n_registers)
+        self.graph, self.width, self.is_shared, self.scheduler = graph, width, is_shared, Scheduler(graph, n_registers)
         self.has_fma, self.has_compress, self.longest = has_fma, has_compress, LONGEST
         self.declared, self.globals = set[str](), dict[str, str]()
         self.types, self.literals = dict[str, str](), dict[int, str]()
         self.templates: dict[tuple[str, str, str, bool], str] = {}
         self.schedules: dict[int, tuple[list[Item], list[Item]]] = {}
         self.pieces: list[list[Item]] = []
-        self.bodies: dict[int, _Body] = {}
+        self.bodies: dict[int, _BodyPieces] = {}
         self.home, self.readers = dict[int, int](), collections.defaultdict[int, set[int]](set)
         self.slots: dict[int, int] = {}
         self.indices: dict[int, int] = {}
-        self.tables: dict[tuple, tuple[int, int]] = {}  # places in the frame, and bytes from row to row
+        self.rows_in_frame: dict[tuple, tuple[int, int]] = {}  # places in the frame, and bytes from row to row
         # By table, index and places behind it.
         self.lookups = {
             (graph.details[n][0], graph.operands[n][0], graph.details[n][1]): n
-            for n in self.order.live
+            for n in self.scheduler.live
             if graph.operations[n] == "lookup"
         }
-        self.at = collections.defaultdict[int, list[tuple[int, int]]](list)
+        self.result_places = collections.defaultdict[int, list[tuple[int, int]]](list)
         for k, nodes in enumerate(graph.results):
             for j, node in enumerate(nodes.ravel().tolist()):
-                self.at[node].append((k, j))
+                self.result_places[node].append((k, j))
 
     # -- the plan -----------------------------------------------------------------------------------------------------
 
-    def _planned(self, items: Iterable[Item]) -> list[int]:
+    def _in_pieces(self, items: Iterable[Item]) -> list[int]:
         """Pieces for items in this order: their numbers, among which those of long loops are their own pieces."""
         found, current, size = list[int](), list[Item](), 0
 
@@ -391,12 +405,12 @@ class Writer:
             current, size = [], 0
 
         for item in items:
-            n = self.order.size(item) if type(item) is tuple else 1
+            n = self.scheduler.size(item) if type(item) is tuple else 1
             if n > self.longest or type(item) is tuple and self._may_split(item[0]):
                 close()
                 self.pieces.append([item])
                 own, (condition, rest) = len(self.pieces) - 1, self._scheduled_body(item[0])
-                self.bodies[item[0]] = _Body(own, self._planned(condition), self._planned(rest))
+                self.bodies[item[0]] = _BodyPieces(own, self._in_pieces(condition), self._in_pieces(rest))
                 found.append(own)
                 continue
             if size + n > self.longest:
@@ -409,29 +423,29 @@ class Writer:
     def _scheduled_body(self, k: int) -> tuple[list[Item], list[Item]]:
         """(the items in front of the condition of a loop, those after it)."""
         if k not in self.schedules:
-            loop, done = self.g.loops[k], set[Item]()
-            condition = [] if loop.length is not None else self.order.scheduled(loop.region, [loop.condition], done)
-            self.schedules[k] = condition, self.order.scheduled(loop.region, self.order.ends(k), done)
+            loop, done = self.graph.loops[k], set[Item]()
+            condition = [] if loop.length is not None else self.scheduler.scheduled(loop.region, [loop.condition], done)
+            self.schedules[k] = condition, self.scheduler.scheduled(loop.region, self.scheduler.ends(k), done)
         return self.schedules[k]
 
     def note_homes(self) -> None:
         """Which piece makes each node, and which others read it."""
         for p, items in enumerate(self.pieces):
             self._note_items(p, items)
-        for node in self.at:
+        for node in self.result_places:
             if node in self.home:
                 self.readers[node].add(self.home[node])
 
     def _note_items(self, p: int, items: Iterable[Item]) -> None:
-        home, readers, operands = self.home, self.readers, self.g.operands
+        home, readers, operands = self.home, self.readers, self.graph.operands
         for item in items:
             if type(item) is not tuple:
                 home[item] = p
                 reads: Iterable[int] = operands[item]
             else:
                 k = item[0]
-                loop = self.g.loops[k]
-                reads = [*self.order.starts(k), *self.order.ends(k)]
+                loop = self.graph.loops[k]
+                reads = [*self.scheduler.starts(k), *self.scheduler.ends(k)]
                 reads += [loop.condition] if loop.length is None else []
                 if k not in self.bodies:
                     for part in self._scheduled_body(k):
@@ -441,8 +455,7 @@ class Writer:
 
     # -- places -------------------------------------------------------------------------------------------------------
 
-    def _bytes(self, node: int) -> int:
-        dtype = self.g.dtypes[node]
+    def _bytes(self, dtype: np.dtype) -> int:
         return max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
 
     def _allocate(self) -> int:
@@ -450,7 +463,8 @@ class Writer:
         begin, end, clock = dict[int | tuple, int](), dict[int | tuple, int](), 0
         size_of: dict[int | tuple, int] = {}
 
-        operations, operands, readers = self.g.operations, self.g.operands, self.readers
+        operations, operands, dtypes = self.graph.operations, self.graph.operands, self.graph.dtypes
+        readers = self.readers
 
         def touch(key, n_bytes: int) -> None:
             begin.setdefault(key, clock)
@@ -460,10 +474,10 @@ class Writer:
         def read(node: int) -> None:
             name = operations[node]
             if name == "last":
-                k, which, _ = self.g.details[node]
-                node = self.g.loops[k].carried[which][0]
+                k, which, _ = self.graph.details[node]
+                node = self.graph.loops[k].carried[which][0]
             elif name == "stacked":
-                k, which, _ = self.g.details[node]
+                k, which, _ = self.graph.details[node]
                 key = "stacked", k, which
                 touch(key, size_of[key])
                 return
@@ -486,30 +500,30 @@ class Writer:
                     if x in begin or operations[x] in _OF_LOOPS:
                         read(x)
                 if len(readers[item]) > 1 or p not in readers[item]:
-                    touch(item, self._bytes(item))
+                    touch(item, self._bytes(dtypes[item]))
 
         def loop_at(k: int, p: int) -> None:
             nonlocal clock
-            loop, start = self.g.loops[k], clock
+            loop, start = self.graph.loops[k], clock
             own: list = [("index", k)]
             touch(own[0], 8)
-            for node in self.order.starts(k):
+            for node in self.scheduler.starts(k):
                 read(node)
-            for parameter, _, _ in self.order.carried_of(loop):
-                touch(parameter, self._bytes(parameter))
+            for parameter, _, _ in self.scheduler.carried_of(loop):
+                touch(parameter, self._bytes(dtypes[parameter]))
                 own.append(parameter)
-            for i in self.order.stacked_of(k):
+            for i in self.scheduler.stacked_of(k):
                 key = "stacked", k, i
-                touch(key, self._bytes(loop.stacked[i]) * int(loop.length or 0))
+                touch(key, self._bytes(dtypes[loop.stacked[i]]) * int(loop.length or 0))
                 own.append(key)
-            for parameter in self.order.rows_of(loop):
-                table = self._found_table(parameter, loop)
-                if table is None:
+            for parameter in self.scheduler.rows_of(loop):
+                rows = self._rows_elsewhere(parameter, loop)
+                if rows is None:
                     key = "rows", parameter
-                    touch(key, self._bytes(parameter) * int(loop.length or 0))
+                    touch(key, self._bytes(dtypes[parameter]) * int(loop.length or 0))
                     own.append(key)
-                elif table[0] == "stacked":
-                    own.append(("stacked", *table[1][:2]))
+                elif rows.operation == "stacked":
+                    own.append(("stacked", *rows.first[:2]))
             if k in self.bodies:
                 for q in (*self.bodies[k].condition, *self.bodies[k].rest):
                     walk(self.pieces[q], q)
@@ -517,7 +531,7 @@ class Writer:
                 for part in self._scheduled_body(k):
                     walk(part, p)
             clock += 1
-            for node in self.order.ends(k) + ([loop.condition] if loop.length is None else []):
+            for node in self.scheduler.ends(k) + ([loop.condition] if loop.length is None else []):
                 read(node)
             # What was there before the loop, and is read in it, is read again in the next turn; so is what it owns.
             for key, first in begin.items():
@@ -527,7 +541,7 @@ class Writer:
         for p in self.top:
             walk(self.pieces[p], p)
         clock += 1
-        for node in self.at:
+        for node in self.result_places:
             read(node)
         frame, ending = _Frame(), collections.defaultdict[int, list[int | tuple]](list)
         for key, last in end.items():
@@ -546,30 +560,26 @@ class Writer:
             elif key[0] == "index":
                 self.indices[key[1]] = place
             else:
-                length = self.g.loops[key[1] if key[0] == "stacked" else self.g.details[key[1]]].length
-                self.tables[key] = place, size_of[key] // max(int(length or 1), 1)
+                length = self.graph.loops[key[1] if key[0] == "stacked" else self.graph.details[key[1]]].length
+                self.rows_in_frame[key] = place, size_of[key] // max(int(length or 1), 1)
         return frame.size
 
-    def _found_table(self, parameter: int, loop: Loop) -> Table | None:
-        """Where the rows of a parameter lie already: in an argument, among what another loop stacked, or constants.
-
-        (array, first, stride): of an argument its number, the first place, and the places from row to row; of a stacked
-        table the same in rows.
-        """
-        g, nodes = self.g, loop.rows[parameter]
+    def _rows_elsewhere(self, parameter: int, loop: Loop) -> _Rows | None:
+        """Where the rows of a parameter lie already, if they do."""
+        g, nodes = self.graph, loop.rows[parameter]
         names = {g.operations[n] for n in nodes}
         if names == {"constant"}:
-            return "constant", nodes, 1
+            return _Rows("constant", nodes, 1)
         if names == {"load"}:
             places = [g.details[n] for n in nodes]
             steps = {b[1] - a[1] for a, b in zip(places, places[1:], strict=False)}
             if len({k for k, _ in places}) == 1 and len(steps) == 1 and g.dtypes[parameter].kind != "b":
-                return "load", places[0], steps.pop()
+                return _Rows("load", places[0], steps.pop())
         if names == {"stacked"}:
             places = [g.details[n] for n in nodes]
             steps = {b[2] - a[2] for a, b in zip(places, places[1:], strict=False)}
             if len({x[:2] for x in places}) == 1 and steps == {1}:
-                return "stacked", places[0], 1
+                return _Rows("stacked", places[0], 1)
         return None
 
     def argument(self, f: Function, k: int) -> str:
@@ -601,15 +611,11 @@ class Writer:
 
     def loaded(self, f: Function, pointer: str, dtype: np.dtype) -> str:
         register = f.new()
-        f.add(f"{register} = load {self.type(dtype)}, {pointer}, align {self._alignment(dtype)}")
+        f.add(f"{register} = load {self.type(dtype)}, {pointer}, align {min(64, self._bytes(dtype))}")
         return register
 
     def stored(self, f: Function, value: str, pointer: str, dtype: np.dtype) -> None:
-        f.add(f"store {self.type(dtype)} {value}, {pointer}, align {self._alignment(dtype)}")
-
-    def _alignment(self, dtype: np.dtype) -> int:
-        n = max(self.width // 8, 1) if dtype.kind == "b" else self.width * dtype.itemsize
-        return min(64, n)
+        f.add(f"store {self.type(dtype)} {value}, {pointer}, align {min(64, self._bytes(dtype))}")
 
     def offset(self, f: Function, pointer: str, n_bytes: int | str) -> str:
         if n_bytes == 0:
@@ -631,7 +637,7 @@ class Writer:
     # -- reading nodes ------------------------------------------------------------------------------------------------
 
     def read(self, f: Function, node: int) -> str:
-        g = self.g
+        g = self.graph
         if node in g.constants:
             if node not in self.literals:
                 self.literals[node] = self.literal(g.constants[node], g.dtypes[node])
@@ -645,7 +651,7 @@ class Writer:
         return self.read(f, node)
 
     def _read_anew(self, f: Function, node: int) -> str:
-        g, dtype = self.g, self.g.dtypes[node]
+        g, dtype = self.graph, self.graph.dtypes[node]
         name = g.operations[node]
         if name == "load":
             k, place = g.details[node]
@@ -655,7 +661,7 @@ class Writer:
             return self._read_row(f, node, g.loops[g.details[node]])
         if name == "stacked":
             k, which, row = g.details[node]
-            place, stride = self.tables["stacked", k, which]
+            place, stride = self.rows_in_frame["stacked", k, which]
             return self.loaded(f, self.offset(f, self.frame, place + row * stride), dtype)
         if name == "last":
             k, which, _ = g.details[node]
@@ -688,12 +694,12 @@ class Writer:
         return register
 
     def _read_row(self, f: Function, node: int, loop: Loop) -> str:
-        g, dtype = self.g, self.g.dtypes[node]
+        g, dtype = self.graph, self.graph.dtypes[node]
         index = self._index(f, g.details[node])
-        kind, first, step = self._found_table(node, loop) or ("own", (), 1)
+        kind, first, step = self._rows_elsewhere(node, loop) or ("own", (), 1)
         if kind == "constant":
             inside, at = np.dtype(np.uint8) if dtype.kind == "b" else dtype, f.new()
-            table = self._table_of([g.constants[n] for n in first], inside)
+            table = self._constant_table([g.constants[n] for n in first], inside)
             f.add(f"{at} = getelementptr {self.scalar(inside)}, ptr {table}, i64 {index}")
             return self._read_outside(f, f"ptr {at}", 0, dtype, is_shared=True)
         scaled = f.new()
@@ -705,21 +711,21 @@ class Writer:
             return self._read_outside(f, base, scaled, dtype, self.is_shared[k])
         if kind == "stacked":
             k, which, row = first
-            place, stride = self.tables["stacked", k, which]
+            place, stride = self.rows_in_frame["stacked", k, which]
             place += row * stride
         else:
-            place, stride = self.tables["rows", node]
+            place, stride = self.rows_in_frame["rows", node]
         f.add(f"{scaled} = mul i64 {index}, {stride}")
         return self.loaded(f, self.offset(f, self.offset(f, self.frame, place), scaled), dtype)
 
     def _looked_up(self, f: Function, node: int, index: str) -> str:
         """What a table has behind an index. It is read for one state after the other: a gather is slower on processors
         that are protected against Gather Data Sampling. Two numbers beside each other are read at once."""
-        g, dtype = self.g, self.g.dtypes[node]
+        g, dtype = self.graph, self.graph.dtypes[node]
         (number, places), (of,) = g.details[node], g.operands[node]
         table, t, shared = g.tables[number], self.scalar(dtype), True
         if table[0] in g.constants:
-            base, size = f"ptr {self._table_of([g.constants[n] for n in table], dtype)}", dtype.itemsize
+            base, size = f"ptr {self._constant_table([g.constants[n] for n in table], dtype)}", dtype.itemsize
         else:
             k, first = g.details[table[0]]
             size, shared = self._stride(k, dtype), self.is_shared[k]
@@ -753,7 +759,7 @@ class Writer:
     def _lanes(self, f: Function, node: int, index: str) -> list[str]:
         """An index state by state, as i64."""
         if node not in f.lanes:
-            kind, wide, found = self.g.dtypes[node], np.dtype(np.int64), list[str]()
+            kind, wide, found = self.graph.dtypes[node], np.dtype(np.int64), list[str]()
             convert = _conversion(kind, wide) if kind.itemsize < wide.itemsize else "bitcast"
             for lane in range(self.width):
                 one, place = index, f.new()
@@ -771,7 +777,7 @@ class Writer:
         f.add(f"{register} = shufflevector {vector} {a}, {vector} {b}, <{len(mask)} x i32> <{', '.join(mask)}>")
         return register
 
-    def _table_of(self, values: Sequence[Any], dtype: np.dtype) -> str:
+    def _constant_table(self, values: Sequence[Any], dtype: np.dtype) -> str:
         """The name of a table of constants."""
         t = self.scalar(dtype)
         items = ", ".join(f"{t} {_literal(x, dtype)}" for x in values)
@@ -780,34 +786,34 @@ class Writer:
 
     # -- writing ------------------------------------------------------------------------------------------------------
 
-    def planned(self) -> int:
+    def plan(self) -> int:
         """Plans pieces and places: the size of the frame."""
-        self.top = self._planned(self.order.scheduled(0, self.order.roots, set()))
+        self.top = self._in_pieces(self.scheduler.scheduled(0, self.scheduler.roots, set()))
         self.note_homes()
         return self._allocate()
 
-    def written(self) -> Written:
-        size, k = self.planned(), self._loop_to_split()
+    def block_ir(self) -> BlockIR:
+        size, k = self.plan(), self._loop_to_split()
         block, split = Function("block", self.parameters), list[Function]()
         if k is None:
-            self._write_top(block, self.top)
+            self.write_calls(block, self.top)
             self._write_known_results(block)
         else:
-            split = self._split(k)
+            split = self._split_at(k)
             self._write_call(block, "before")
             block.add(f"%left = call i64 @turns({self._passed()}, i64 -1, i64 0)")
             self._write_call(block, "after")
         pieces = [self.piece(p) for p in range(len(self.pieces)) if k is None or p != self.bodies[k].own]
         text = self.module_text(pieces, "\n".join(f.text("") for f in (*split, block)))
-        return Written(text, size, sum(map(len, self.order.members.values())), k is not None)
+        return BlockIR(text, size, sum(map(len, self.scheduler.members.values())), k is not None)
 
-    def _write_top(self, f: Function, pieces: Iterable[int]) -> None:
+    def write_calls(self, f: Function, pieces: Iterable[int]) -> None:
         for p in pieces:
-            self.called(f, p)
+            self._write_call(f, f"piece{p}")
 
     def _write_known_results(self, f: Function) -> None:
         """Results that no piece makes."""
-        for node, places in self.at.items():
+        for node, places in self.result_places.items():
             if node not in self.home:
                 self.stored_results(f, node, places)
 
@@ -816,9 +822,6 @@ class Writer:
         tables = [f"{name} = internal constant {content}" for content, name in self.globals.items()]
         texts = [f.text("internal ") for f in functions]
         return "\n".join([*tables, *texts, last, *sorted(self.declared), ""])
-
-    def called(self, f: Function, p: int) -> None:
-        self._write_call(f, f"piece{p}")
 
     def _write_call(self, f: Function, name: str) -> None:
         f.add(f"call void @{name}({self._passed()})")
@@ -832,8 +835,9 @@ class Writer:
         return f
 
     def write(self, f: Function, p: int, items: Iterable[Item]) -> None:
-        operands, dtypes, lines, slots, at = self.g.operands, self.g.dtypes, f.lines, self.slots, self.at
-        read, template_of, copies = self.read, self._template_of, self.g.copies
+        operands, dtypes, copies = self.graph.operands, self.graph.dtypes, self.graph.copies
+        lines, slots, results = f.lines, self.slots, self.result_places
+        read, template_of = self.read, self._template_of
         for item in items:
             if type(item) is tuple:
                 self._write_loop(f, p, item[0])
@@ -843,7 +847,7 @@ class Writer:
                 values = [self.read_again(f, x) for x in operands[item]]
             else:
                 values = [registers[x] if x in registers else read(f, x) for x in operands[item]]
-            if self.g.operations[item] == "lookup":
+            if self.graph.operations[item] == "lookup":
                 register = registers.get(item) or self._looked_up(f, item, *values)
                 registers[item] = register
             else:
@@ -851,8 +855,8 @@ class Writer:
                 lines.append(template_of(item).format(register, *values))
             if item in slots:
                 self.stored(f, register, self.offset(f, self.frame, slots[item]), dtypes[item])
-            if item in at:
-                self.stored_results(f, item, at[item])
+            if item in results:
+                self.stored_results(f, item, results[item])
 
     def stored_results(self, f: Function, node: int, places: Iterable[tuple[int, int]]) -> None:
         """Results are stored as soon as they are known."""
@@ -863,7 +867,7 @@ class Writer:
 
     def read_for_outside(self, f: Function, node: int) -> tuple[str, np.dtype]:
         """A number as it is outside of the frame, where masks are bytes."""
-        value, dtype = self.read(f, node), self.g.dtypes[node]
+        value, dtype = self.read(f, node), self.graph.dtypes[node]
         if dtype.kind != "b":
             return value, dtype
         mask, value, byte = value, f.new(), np.dtype(np.uint8)
@@ -871,7 +875,7 @@ class Writer:
         return value, byte
 
     def _write_loop(self, f: Function, p: int, k: int) -> None:
-        g, loop, order = self.g, self.g.loops[k], self.order
+        g, loop, scheduler = self.graph, self.graph.loops[k], self.scheduler
         self._write_start(f, k)
         index = self.offset(f, self.frame, self.indices[k])
         first, last, step = (int(loop.length or 0) - 1, 0, -1) if loop.is_reverse else (0, int(loop.length or 0) - 1, 1)
@@ -891,13 +895,13 @@ class Writer:
             f.add(f"br i1 {any_active}, label %{body}, label %{end}")
             f.lines.append(f"{body}:")
         self._write_part(f, p, k, 1)
-        for i in order.stacked_of(k):
-            place, stride = self.tables["stacked", k, i]
+        for i in scheduler.stacked_of(k):
+            place, stride = self.rows_in_frame["stacked", k, i]
             row, scaled = self._index(f, k), f.new()
             f.add(f"{scaled} = mul i64 {row}, {stride}")
             pointer = self.offset(f, self.offset(f, self.frame, place), scaled)
             self.stored(f, self.read(f, loop.stacked[i]), pointer, g.dtypes[loop.stacked[i]])
-        self._store_carried(f, [(c[0], c[2]) for c in order.carried_of(loop)], active)
+        self._store_carried(f, [(c[0], c[2]) for c in scheduler.carried_of(loop)], active)
         if loop.length is None:
             f.add(f"br label %{end if loop.is_branch else head}")
         else:
@@ -911,22 +915,22 @@ class Writer:
 
     def _write_start(self, f: Function, k: int) -> None:
         """Stores what the first turn of a loop reads."""
-        loop, order = self.g.loops[k], self.order
-        for parameter in order.rows_of(loop):
-            if ("rows", parameter) in self.tables:
-                place, stride = self.tables["rows", parameter]
+        loop, scheduler = self.graph.loops[k], self.scheduler
+        for parameter in scheduler.rows_of(loop):
+            if ("rows", parameter) in self.rows_in_frame:
+                place, stride = self.rows_in_frame["rows", parameter]
                 for row, node in enumerate(loop.rows[parameter]):
                     pointer = self.offset(f, self.frame, place + row * stride)
-                    self.stored(f, self.read(f, node), pointer, self.g.dtypes[parameter])
-        self._store_carried(f, [(c[0], c[1]) for c in order.carried_of(loop) if c[0] not in order.within])
+                    self.stored(f, self.read(f, node), pointer, self.graph.dtypes[parameter])
+        carried = (c for c in scheduler.carried_of(loop) if c[0] not in scheduler.only_in_branches)
+        self._store_carried(f, [(parameter, first) for parameter, first, _ in carried])
 
     def _write_part(self, f: Function, p: int, k: int, part: int) -> None:
         """What is in front of the condition of a loop, 0, or after it, 1."""
         if k not in self.bodies:
             self.write(f, p, self._scheduled_body(k)[part])
             return
-        for q in self.bodies[k].rest if part else self.bodies[k].condition:
-            self.called(f, q)
+        self.write_calls(f, self.bodies[k].rest if part else self.bodies[k].condition)
 
     def _store_carried(self, f: Function, pairs: Sequence[tuple[int, int]], active: str = "") -> None:
         """Stores new values of what a loop carries. All are read before the first is stored.
@@ -935,37 +939,37 @@ class Writer:
         """
         values: list[str] = []
         for parameter, node in pairs:
-            value, dtype = self.read(f, node), self.g.dtypes[parameter]
-            if active and self.width > 1 and parameter not in self.order.within:
+            value, dtype = self.read(f, node), self.graph.dtypes[parameter]
+            if active and self.width > 1 and parameter not in self.scheduler.only_in_branches:
                 old, chosen, t = self.read(f, parameter), f.new(), self.type(dtype)
                 f.add(f"{chosen} = select {self.type(BOOL)} {active}, {t} {value}, {t} {old}")
                 value = chosen
             values.append(value)
         for (parameter, _), value in zip(pairs, values, strict=True):
             pointer = self.offset(f, self.frame, self.slots[parameter])
-            self.stored(f, value, pointer, self.g.dtypes[parameter])
+            self.stored(f, value, pointer, self.graph.dtypes[parameter])
 
     # -- a program that is split at a loop ----------------------------------------------------------------------------
 
     def _may_split(self, k: int) -> bool:
         """Whether a loop may go on for some states and not for others, and is long enough to bring these together."""
-        loop = self.g.loops[k]
-        is_own = loop.length is None and not loop.is_branch and self.g.parents[loop.region] == 0
-        return self.width > 1 and is_own and self.order.size((k,)) >= LEAST_SPLIT
+        loop = self.graph.loops[k]
+        is_own = loop.length is None and not loop.is_branch and self.graph.parents[loop.region] == 0
+        return self.width > 1 and is_own and self.scheduler.size((k,)) >= LEAST_SPLIT
 
     def _loop_to_split(self) -> int | None:
         """The longest of those that may be."""
         found = [k for k in self.bodies if self._may_split(k)]
-        return max(found, key=lambda k: self.order.size((k,)), default=None)
+        return max(found, key=lambda k: self.scheduler.size((k,)), default=None)
 
-    def _split(self, k: int) -> list[Function]:
-        """The functions of a split program, see `Written`."""
-        loop, body, carried = self.g.loops[k], self.bodies[k], self.order.carried_of(self.g.loops[k])
+    def _split_at(self, k: int) -> list[Function]:
+        """The functions of a split program, see `BlockIR`."""
+        loop, body, carried = self.graph.loops[k], self.bodies[k], self.scheduler.carried_of(self.graph.loops[k])
         before, turns, after = (Function(name, self.parameters) for name in ("before", "turns", "after"))
         place = self.top.index(body.own)
-        self._write_top(before, self.top[:place])
+        self.write_calls(before, self.top[:place])
         self._write_start(before, k)
-        self._write_top(after, self.top[place + 1 :])
+        self.write_calls(after, self.top[place + 1 :])
         self._write_known_results(after)
 
         turns.parameters = [*self.parameters, "i64 %states", "i64 %few"]
@@ -988,36 +992,36 @@ class Writer:
 
         changed, read = (
             list(dict.fromkeys(x for node in nodes if (x := self._place_of(node)) is not None))
-            for nodes in ((c[0] for c in carried), self._read_in(k))
+            for nodes in ((c[0] for c in carried), self._inputs_and_tables(k))
         )
         return [before, turns, after, self._copy("lent", [*changed, *read]), self._copy("returned", changed)]
 
-    def _read_in(self, k: int) -> Iterator[int]:
-        """The nodes that a loop reads and does not make."""
-        yield from self.order.outside[k]
-        for j in (k, *self.order.inner[k]):
-            for node in self.order.members[self.g.loops[j].region]:
-                if self.g.operations[node] == "lookup":
-                    yield from self.g.tables[self.g.details[node][0]]
+    def _inputs_and_tables(self, k: int) -> Iterator[int]:
+        """The nodes that a loop reads and does not make, with those of tables."""
+        yield from self.scheduler.inputs[k]
+        for j in (k, *self.scheduler.inner[k]):
+            for node in self.scheduler.members[self.graph.loops[j].region]:
+                if self.graph.operations[node] == "lookup":
+                    yield from self.graph.tables[self.graph.details[node][0]]
 
-    def _place_of(self, node: int) -> Place | None:
+    def _place_of(self, node: int) -> _Place | None:
         """Where numbers are that are not made in a loop; None of what is the same for all states."""
-        g, name, dtype = self.g, self.g.operations[node], self.g.dtypes[node]
+        g, name, dtype = self.graph, self.graph.operations[node], self.graph.dtypes[node]
         if name == "constant":
             return None
         if name == "load":
             k, place = g.details[node]
-            return None if self.is_shared[k] else (k, place * self._stride(k, dtype), dtype)
+            return None if self.is_shared[k] else _Place(k, place * self._stride(k, dtype), dtype)
         if name == "stacked":
             k, which, row = g.details[node]
-            place, stride = self.tables["stacked", k, which]
-            return None, place + row * stride, dtype
+            place, stride = self.rows_in_frame["stacked", k, which]
+            return _Place(None, place + row * stride, dtype)
         if name == "last":
             k, which, _ = g.details[node]
             node = g.loops[k].carried[which][0]
-        return None, self.slots[node], dtype
+        return _Place(None, self.slots[node], dtype)
 
-    def _copy(self, name: str, places: Iterable[Place]) -> Function:
+    def _copy(self, name: str, places: Iterable[_Place]) -> Function:
         """A function that copies numbers of some states, as `lent` does, in a loop over a table of their places.
 
         It stores the numbers of these states side by side in memory, and loads them from there to their new places.
@@ -1040,7 +1044,7 @@ class Writer:
             arrays = (self.frame, "ptr %of_frame")
             if k is not None:
                 arrays = tuple(f.pointer(array, k) for array in ("arguments", "of_arguments"))
-            table, before = self._table_of(own, np.dtype(np.int32)), f"end{n - 1}" if n else "body"
+            table, before = self._constant_table(own, np.dtype(np.int32)), f"end{n - 1}" if n else "body"
             f.add(f"br label %copy{n}")
             f.lines.append(f"copy{n}:")
             f.add(f"%k{n} = phi i64 [0, %{before}], [%next{n}, %copy{n}]")
@@ -1080,7 +1084,7 @@ class Writer:
 
     def _template_of(self, node: int) -> str:
         """The instructions of an operation, with {0} in place of its register, and {1}, {2}, {3} of its operands."""
-        g = self.g
+        g = self.graph
         operands = g.operands[node]
         name, dtype, of = g.operations[node], g.dtypes[node], g.dtypes[operands[0]]
         is_usual = False

@@ -11,8 +11,8 @@ import functools
 import gc
 import itertools
 import math
+import weakref
 from collections.abc import Callable, Hashable, Iterator, Sequence
-from types import ModuleType
 from typing import Any, NamedTuple, TypeVar
 
 import jax
@@ -21,6 +21,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.engine import cpu, cuda, graph, xla
+from jaxspatial.engine.machine import Argument, Machine, Result
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import (
     compiled,
@@ -36,6 +37,7 @@ from jaxspatial.numerics.jax_internals import (
     Primitive,
     ad,
     batching,
+    held_weakly,
     jaxpr_as_fun,
     mlir,
     partial_eval,
@@ -44,7 +46,6 @@ from jaxspatial.numerics.sums.primitive import trace_of_sums
 
 T = TypeVar("T")
 Aval = jax.ShapeDtypeStruct
-Result = tuple[tuple[int, ...], Any]  # shape and dtype
 # Numbers of a table that each state has of its own. Of more, machine code would copy all to read a few.
 OWN_TABLE = 256
 
@@ -58,6 +59,9 @@ class Program:
     # Whether products of JAX stand in its trace beside those of formulas, which say themselves how they round.
     has_plain_products = False
 
+    def __init_subclass__(cls):
+        held_weakly(cls)
+
     @property
     def may_fuse(self) -> bool:
         """Whether `a * b + c` may be rounded once: where it promises errors, and no bits."""
@@ -69,9 +73,15 @@ class Program:
         return vars(self).setdefault("_derived", {})
 
     def cached(self, key: Hashable, maker: Callable[[], T]) -> T:
-        """A derivative or trace of this program, made once by `maker`; it lives as long as the program."""
+        """A derivative, trace or code of this program, made once by `maker`; it lives as long as the program."""
         found = self._derived
         return found[key] if key in found else found.setdefault(key, maker())
+
+    def alone_on(self, n_batch: int) -> Callable[..., list[jax.Array]]:
+        """The program outside of any other, as a function of arrays."""
+        return self.cached(
+            ("alone on", n_batch), lambda: compiled(program_p, program=InJaxCaches(self), n_batch=n_batch)
+        )
 
     def traced(self, avals: Sequence[Aval]) -> "Traced":
         """The trace of the program, made once for the same shapes.
@@ -92,8 +102,8 @@ class Program:
         """An argument as an operand: behind a barrier where bits are promised, or rounding errors computed."""
         raise NotImplementedError
 
-    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
-        """Shapes and dtypes of the results, from those of the arguments, all without the batch."""
+    def outputs(self, avals: Sequence[Aval]) -> list[Aval]:
+        """The results, without the batch, of arguments without it."""
         raise NotImplementedError
 
     def primal_of(self, i: int) -> int | None:
@@ -124,6 +134,17 @@ class Program:
     def transposed(self, cotangents: list, arguments: list, n_batch: int) -> list:
         """The cotangents of the arguments that are linear, None for others."""
         raise NotImplementedError
+
+
+class InJaxCaches:
+    """A program as an operand of functions that it holds itself, compiled. JAX's caches keep what such a function was
+    traced with for as long as the function: were that the program, neither would ever be freed."""
+
+    def __init__(self, program: Program):
+        self._program = weakref.ref(program)
+
+    def __getattr__(self, name: str):
+        return getattr(self._program(), name)
 
 
 class Traced:
@@ -190,14 +211,14 @@ def _abstract(*avals, program: Program, n_batch: int) -> list:
     meshed = next((a for a in avals if not a.sharding.mesh.empty), avals[0])
     varying = frozenset[Any]().union(*(a.mat.varying for a in avals))
     results: list = []
-    for i, (shape, dtype) in enumerate(program.outputs(items)):
+    for i, y in enumerate(program.outputs(items)):
         primal = program.primal_of(i)
         if primal is not None:
             results.append(avals[primal].update(weak_type=False))
             continue
-        like, spec = avals[0], jax.sharding.PartitionSpec(*common, *[None] * len(shape))
+        like, spec = avals[0], jax.sharding.PartitionSpec(*common, *[None] * y.ndim)
         sharding = meshed.sharding.update(spec=spec)
-        aval = like.update(shape=(*batch, *shape), dtype=dtype, weak_type=False, sharding=sharding)
+        aval = like.update(shape=(*batch, *y.shape), dtype=y.dtype, weak_type=False, sharding=sharding)
         if varying:
             aval = aval.update(manual_axis_type=like.mat.update(varying=varying))
         results.append(aval)
@@ -220,7 +241,7 @@ def batch_axis_first(x: jax.Array, axis: int | None, size: int, for_each: bool) 
     return jnp.broadcast_to(x, (size, *x.shape)) if for_each else x[None]
 
 
-def over_batch_of(x: jax.Array, aval: Aval) -> jax.Array:
+def summed_like(x: jax.Array, aval: Aval) -> jax.Array:
     """Sums a cotangent over the axes along which its argument has size 1."""
     axes = [k for k, (a, b) in enumerate(zip(x.shape, aval.shape, strict=True)) if a != b]
     return x.sum(axes, keepdims=True) if axes else x
@@ -237,12 +258,12 @@ class Native(NamedTuple):
     """How machine code of our own is called: by `cpu`, or by `cuda`. n_devices: over how many devices the compiler may
     split the batch. hold: keeps the code for as long as the program of XLA that calls it."""
 
-    machine: ModuleType
+    machine: Machine[Any]
     n_devices: int
     hold: Callable
 
     @classmethod
-    def of(cls, context, machine: ModuleType) -> "Native | None":
+    def of(cls, context, machine: Machine[Any]) -> "Native | None":
         """In a lowering rule: None where machine code cannot be called, or is not to be, as in what is exported."""
         module = context.module_context
         if module.lowering_parameters.for_export or not machine.is_available():
@@ -269,7 +290,7 @@ def run(
     if results is None:
         traced = program.traced(list(map(_aval, flat)))
         results = traced.in_parts(*flat) if in_parts else traced(*flat)
-    return [with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
+    return [with_callers_axes(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(results)]
 
 
 def _of_no_states(
@@ -277,10 +298,10 @@ def _of_no_states(
 ) -> list[jax.Array]:
     """Results without numbers, and cotangents that are sums of nothing."""
     items, results = [jax.ShapeDtypeStruct(x.shape[n_batch:], x.dtype) for x in arrays], list[jax.Array]()
-    for i, (shape, dtype) in enumerate(program.outputs(items)):
+    for i, y in enumerate(program.outputs(items)):
         primal = program.primal_of(i)
         with jax.enable_x64(True):
-            results.append(lax.full((*batch, *shape) if primal is None else arrays[primal].shape, 0, dtype))
+            results.append(lax.full((*batch, *y.shape) if primal is None else arrays[primal].shape, 0, y.dtype))
     return results
 
 
@@ -307,7 +328,7 @@ def with_one_axis(x: jax.Array, n_batch: int, batch: tuple[int, ...]) -> jax.Arr
     return x.reshape((math.prod(shape), *x.shape[n_batch:]))
 
 
-def with_batch(
+def with_callers_axes(
     y: jax.Array, primal: int | None, arrays: Sequence[jax.Array], n_batch: int, batch: tuple[int, ...]
 ) -> jax.Array:
     """A result (B, ...) over the batch, or, of a cotangent, over the batch of its argument."""
@@ -339,7 +360,9 @@ def _natively(program: Program, native: Native, n: int, arrays: Sequence[jax.Arr
     if not check.is_sized((n,)):
         return None
     is_shared = tuple(x.shape[0] != n for x in arrays)
-    code = _code(program, native.machine, [_aval(x, 1) for x in arrays], is_shared, native.machine.least_alike(n))
+    code = _code_with_shapes(
+        program, native.machine, [_aval(x, 1) for x in arrays], is_shared, native.machine.least_alike(n)
+    )
     if code is None:
         return None
     native.hold(native.machine.compiled(code.code))
@@ -348,19 +371,19 @@ def _natively(program: Program, native: Native, n: int, arrays: Sequence[jax.Arr
     return [y.reshape((y.shape[0], *shape)) for y, shape in zip(results, code.shapes, strict=True)]
 
 
-class _Code(NamedTuple):
+class _CodeWithShapes(NamedTuple):
     """The code of a program, and the shapes of its results at one state."""
 
     code: Any
     shapes: list[tuple[int, ...]]
 
 
-def _code(
-    program: Program, machine: ModuleType, avals: Sequence[Aval], is_shared: tuple[bool, ...], n: int
-) -> _Code | None:
+def _code_with_shapes(
+    program: Program, machine: Machine[Any], avals: Sequence[Aval], is_shared: tuple[bool, ...], n: int
+) -> _CodeWithShapes | None:
     """The code of a program for n states; None if its trace has what graphs have not."""
 
-    def made() -> _Code | None:
+    def made() -> _CodeWithShapes | None:
         with _without_collection():
             traced = program.traced(avals)
             try:
@@ -372,28 +395,28 @@ def _code(
             if any(len(x) > OWN_TABLE and not is_shared[whole.details[x[0]][0]] for x in tables):
                 return None
             each = zip(avals, is_shared, strict=True)
-            arguments = [cpu.Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each]
-            results: list[cpu.Result] = []
+            arguments = [Argument(math.prod(a.shape), np.dtype(a.dtype), shared) for a, shared in each]
+            results: list[Result] = []
             for i, a in enumerate(traced.out_avals):
                 primal = program.primal_of(i)
                 is_summed = primal is not None and is_shared[primal]
-                results.append(cpu.Result(math.prod(a.shape), np.dtype(a.dtype), is_summed))
+                results.append(Result(math.prod(a.shape), np.dtype(a.dtype), is_summed))
             code = machine.code_of(whole, arguments, results, n)
-        return _Code(code, [a.shape[1:] for a in traced.out_avals])
+        return _CodeWithShapes(code, [a.shape[1:] for a in traced.out_avals])
 
     key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), is_shared, n
     in_64_bits = bool(check.config.jax_enable_x64)
-    return program.cached(("code", machine.__name__, key, in_64_bits), made)
+    return program.cached(("code", machine, key, in_64_bits), made)
 
 
-def _expanded(eqn, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
+def _expanded(eqn, read_trace: graph.Read, nodes: list[graph.Nodes]) -> list[graph.Nodes] | None:
     """The results of a primitive of the library that stands for a trace, as nodes of a graph.
 
     Programs that promise errors and no bits say that sums may be fused with products.
     """
     if eqn.primitive is not program_p:
         closed = trace_of_sums(eqn)
-        return None if closed is None else run_trace(closed, nodes, False)
+        return None if closed is None else read_trace(closed, nodes, False)
     program, n_batch = eqn.params["program"], eqn.params["n_batch"]
     avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
     # As it is traced elsewhere, so that it need not be traced again.
@@ -401,11 +424,11 @@ def _expanded(eqn, run_trace: graph.Run, nodes: list[graph.Nodes]) -> list[graph
     with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
         if math.prod(check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))) != 1:
             closed = jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
-            return run_trace(closed, nodes, program.may_fuse)
+            return read_trace(closed, nodes, program.may_fuse)
         # Of one state: its own trace as it is.
         flat = [x.reshape((1, *x.shape[n_batch:])) for x in nodes]
         traced = program.traced([jax.ShapeDtypeStruct(x.shape, a.dtype) for x, a in zip(flat, avals, strict=True)])
-    found = run_trace(traced.closed, flat, program.may_fuse)
+    found = read_trace(traced.closed, flat, program.may_fuse)
     return [y.reshape(v.aval.shape) for y, v in zip(found, eqn.outvars, strict=True)]
 
 
@@ -417,22 +440,17 @@ def _aval(x: jax.Array, size: int | None = None) -> Aval:
 # -- lowering ----------------------------------------------------------------------------------------------------------
 
 
-def _lower(machine: ModuleType | None, context, *arrays, program: Program, n_batch: int):
+def _lower(machine: Machine[Any] | None, context, *arrays, program: Program, n_batch: int):
     native, in_parts = Native.of(context, machine) if machine else None, machine is cpu
     lower = lower_fun(functools.partial(run, program, n_batch, native, in_parts=in_parts), multiple_results=True)
     with _without_collection():
         return unsharded(lower, context, *arrays)
 
 
-@functools.lru_cache(maxsize=64)
-def _compiled(program: Program, n_batch: int) -> Callable[..., list[jax.Array]]:
-    return compiled(program_p, program=program, n_batch=n_batch)
-
-
 program_p: Any = Primitive("jaxspatial_program")
 program_p.multiple_results = True
 program_p.def_abstract_eval(_abstract)
-program_p.def_impl(lambda *arrays, program, n_batch: _compiled(program, n_batch)(*arrays))
+program_p.def_impl(lambda *arrays, program, n_batch: program.alone_on(n_batch)(*arrays))
 mlir.register_lowering(program_p, functools.partial(_lower, None))
 mlir.register_lowering(program_p, functools.partial(_lower, cpu), platform="cpu")
 mlir.register_lowering(program_p, functools.partial(_lower, cuda), platform="cuda")

@@ -24,28 +24,32 @@ DEAR = {"div", "rem", "sqrt"}
 class Order:
     """Items of the program, outside of loops, in the order in which they are computed.
 
-    item_of: by node the item that makes it, None for what is read where it lies. reads: the nodes that an item reads.
+    item_of: by node the item that makes it, None for what is read where it lies. nodes_read: those that an item reads.
     """
 
     def __init__(
-        self, graph: Graph, items: Sequence[Item], item_of: list[Item | None], reads: Callable[[Item], Iterable[int]]
+        self,
+        graph: Graph,
+        items: Sequence[Item],
+        item_of: list[Item | None],
+        nodes_read: Callable[[Item], Iterable[int]],
     ):
-        self.graph, self.items, self.item_of, self.reads = graph, list(items), item_of, reads
-        self._reads_of: dict[Item, list[Item]] = {}
+        self.graph, self.items, self.item_of, self.nodes_read = graph, list(items), item_of, nodes_read
+        self._known_items_read: dict[Item, list[Item]] = {}
 
-    def _read(self, item: Item) -> list[Item]:
+    def _items_read(self, item: Item) -> list[Item]:
         """The items that one reads."""
-        found = self._reads_of.get(item)
+        found = self._known_items_read.get(item)
         if found is None:
-            found = list(dict.fromkeys(x for node in self.reads(item) if (x := self.item_of[node]) is not None))
-            self._reads_of[item] = found
+            found = list(dict.fromkeys(x for node in self.nodes_read(item) if (x := self.item_of[node]) is not None))
+            self._known_items_read[item] = found
         return found
 
     def uses(self) -> dict[Item, list[int]]:
         """By item of this order, where it is read."""
         found: dict[Item, list[int]] = {item: [] for item in self.items}
         for k, item in enumerate(self.items):
-            for x in self._read(item):
+            for x in self._items_read(item):
                 if x in found:
                     found[x].append(k)
         return found
@@ -68,7 +72,7 @@ class Order:
     def with_few_waiting(self, roots: Sequence[int]) -> "Order":
         """What ends the wait of another number, or is a result, comes as soon as it can."""
         position = {item: k for k, item in enumerate(self.items)}
-        reads = [sorted(position[x] for x in self._read(item) if x in position) for item in self.items]
+        reads = [sorted(position[x] for x in self._items_read(item) if x in position) for item in self.items]
         readers: list[list[int]] = [[] for _ in self.items]
         for k, read in enumerate(reads):
             for x in read:
@@ -93,7 +97,7 @@ class Order:
                         ends_one = reader in are_results or any(n_left[y] == 1 for y in reads[reader])
                         if ends_one and not is_done[reader] and not n_missing[reader]:
                             ready.append(reader)
-        return Order(self.graph, found, self.item_of, self.reads)
+        return Order(self.graph, found, self.item_of, self.nodes_read)
 
     def compute_again(self, n_registers: int) -> None:
         """Does operations again, until no more numbers wait than there are registers, or nothing helps.
@@ -117,7 +121,7 @@ class Order:
         # What a loop reads stays.
         for k in range(at + 1, len(self.items)):
             if type(self.items[k]) is tuple:
-                late.difference_update(self._read(self.items[k]))
+                late.difference_update(self._items_read(self.items[k]))
         chosen = again = set[int]()
         for most in MOST_AGAIN:
             chosen, again = self._chosen(held, late, most)
@@ -183,7 +187,7 @@ class Order:
         for item in self.items[at + 1 :]:
             if type(item) is not tuple and any(x in chosen for x in graph.operands[item]):
                 graph.operands[item] = tuple(copied(x) if x in chosen else x for x in graph.operands[item])
-                self._reads_of.pop(item, None)
+                self._known_items_read.pop(item, None)
             rest.append(item)
         self.items = [*self.items[: at + 1], *rest]
         self._leave_out_unread()
@@ -195,5 +199,5 @@ class Order:
             item = stack.pop()
             if item not in needed:
                 needed.add(item)
-                stack += self._read(item)
+                stack += self._items_read(item)
         self.items = [x for x in self.items if x in needed]

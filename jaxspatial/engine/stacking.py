@@ -24,8 +24,8 @@ def rows(array: Array, places: np.ndarray) -> Array:
     if isinstance(array, np.ndarray):
         return array[places]
     if np.ndim(places) > 1:
-        turned = _sliced(array, np.swapaxes(places, 0, 1))
-        return lax.transpose(turned, (1, 0, *range(2, turned.ndim)))
+        swapped = _sliced(array, np.swapaxes(places, 0, 1))
+        return lax.transpose(swapped, (1, 0, *range(2, swapped.ndim)))
     return _sliced(array, places)
 
 

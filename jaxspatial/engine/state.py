@@ -46,14 +46,14 @@ class JointState(NamedTuple):
     @property
     def subspace(self) -> tuple[Motion, ...]:
         """The columns of S."""
-        return self.kind.motion_subspace(*self._arguments)
+        return self.kind.motion_subspace(*self._subspace_arguments)
 
     def subspace_rate(self, v: Numbers) -> tuple[Motion, ...]:
         """The columns of dS/dt."""
-        return self.kind.motion_subspace_rate(*[*self._arguments, v])
+        return self.kind.motion_subspace_rate(*[*self._subspace_arguments, v])
 
     @property
-    def _arguments(self) -> tuple:
+    def _subspace_arguments(self) -> tuple:
         """What S depends on."""
         return (self.q, self.cos_sin) if self.kind.subspace_needs_q else (self.cos_sin,)
 
@@ -98,7 +98,7 @@ class MechanismState:
         self, topology: Topology, fields: dict[str, Any], q: Array, n: int, precision: Precision, dtype: DTypeLike
     ):
         self.topology, self.q, self.n, self.precision, self.dtype = topology, q, n, precision, np.dtype(dtype)
-        self.fields, self._turns = alignment.aligned(topology, fields)
+        self.fields, self._permutations = alignment.aligned(topology, fields)
 
     def carrying(self, frames: int | Iterable[int] | None) -> "MechanismState":
         """The same, for recursions that compute only the bodies which carry some frames; as it is for None."""
@@ -185,7 +185,7 @@ class MechanismState:
 
     def mimics(self, bundle: Bundle) -> Numbers:
         """(multiplier, offset) of the coordinates of a bundle: 1 and 0 for those that follow no others."""
-        return self._of_bodies(bundle, self.fields["mimics"])
+        return self._of_bundle(bundle, self.fields["mimics"])
 
     def configuration(self, bundle: Bundle, q: Array) -> Numbers:
         """The numbers of a bundle in q, with quaternions normalised: NaN for length 0.
@@ -205,7 +205,7 @@ class MechanismState:
 
     # -- bodies and joints of a bundle --------------------------------------------------------------------------------
 
-    def _of_bodies(self, bundle: Bundle, array: Array) -> Numbers:
+    def _of_bundle(self, bundle: Bundle, array: Array) -> Numbers:
         """The numbers of a bundle in an array over all bodies: NumPy (n, k), or data (n, k, B)."""
         return self.numbers(stacking.rows(array, bundle.bodies))
 
@@ -213,7 +213,7 @@ class MechanismState:
         """The JointKind of a bundle, with the parameters of its joints."""
 
         def numbers_of(p: Parameter):
-            x = self._of_bodies(bundle, self.fields[p.field] if p.field else self.fields["parameters"][p.name])
+            x = self._of_bundle(bundle, self.fields[p.field] if p.field else self.fields["parameters"][p.name])
             return x if p.size > 1 else x[0]
 
         return bundle.kind(numbers_of, self.known(0.0))
@@ -231,8 +231,8 @@ class MechanismState:
     def _pose(self, transforms: tuple[Array, Array], places: np.ndarray) -> Pose:
         entries, p = (stacking.rows(x, places) for x in transforms)
         if isinstance(entries, np.ndarray):
-            # Files write pi/2 with few digits, which leaves 5e-12 where a quarter turn has zeros. Without what is below
-            # 2^-12 u no result changes, in any precision.
+            # Files write pi/2 with few digits, which leaves 5e-12 where a rotation by 90 degrees has zeros. Without
+            # what is below 2^-12 u no result changes, in any precision.
             is_dust = abs(entries) < check.eps(self.dtype) * 2.0**-13
             entries = np.where(is_dust, 0, entries).astype(entries.dtype)
         return Pose(Matrix.of_entries(self.numbers(entries)), Vector(*self.numbers(p)))
@@ -415,9 +415,9 @@ class MechanismState:
 
     def in_callers_axes(self, Y: jax.Array) -> jax.Array:
         """A matrix (rows, 10 n, B) over dynamic parameters in aligned axes, as one over those in the caller's axes."""
-        if self._turns is None:
+        if self._permutations is None:
             return Y
-        which, sign = alignment.of_parameters(self._turns)
+        which, sign = alignment.of_parameters(self._permutations)
         back = np.argsort(which, 1)
         places = (10 * np.arange(len(back))[:, None] + back).ravel()
         sign = jnp.asarray(np.take_along_axis(sign, back, 1).ravel().astype(self.dtype))

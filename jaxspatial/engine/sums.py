@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from jaxspatial.engine import cpu, program
-from jaxspatial.engine.program import Aval, Native, Program, Result
+from jaxspatial.engine.program import Aval, Native, Program
 from jaxspatial.numerics import check
 from jaxspatial.numerics.errorfree.primitives import lower_fun, unsharded
 from jaxspatial.numerics.jax_internals import mlir
@@ -39,9 +39,9 @@ class Sums(Program):
     def evaluate(self, *arrays: jax.Array) -> list[jax.Array]:
         return evaluate(*arrays, plan=self.plan)
 
-    def outputs(self, avals: Sequence[Aval]) -> list[Result]:
+    def outputs(self, avals: Sequence[Aval]) -> list[Aval]:
         limbs = range(1 + self.plan.is_pair)
-        return [((len(s.components),), np.dtype(np.float64)) for s in self.plan.sums for _ in limbs]
+        return [Aval((len(s.components),), np.float64) for s in self.plan.sums for _ in limbs]
 
 
 _program_of = functools.lru_cache(maxsize=256)(Sums)

@@ -45,3 +45,11 @@ def def_linearization(primitive, tangent: Callable) -> None:
     from jax._src.interpreters.ad import primitive_linearizations
 
     primitive_linearizations[primitive] = linearized
+
+
+def held_weakly(cls: type) -> None:
+    """JAX keeps the last 2048 parameters of primitives that it traced; those of this class only as long as others do,
+    in versions that can."""
+    from jax._src import util
+
+    getattr(util, "weakref_cache_key_types", set()).add(cls)

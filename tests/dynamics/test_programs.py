@@ -63,6 +63,37 @@ def test_programs_of_known_numbers_are_let_go():
     assert len(programs()) == len(before)
 
 
+TRANSFORMED = {
+    "vmap": lambda f: jax.vmap(f)(Q[None]),
+    "jvp": lambda f: jax.jvp(f, (Q,), (Q,)),
+    "vjp": lambda f: jax.vjp(f, Q)[1](Q),
+    "linearize": lambda f: jax.linearize(f, Q)[1](Q),
+    "jit": lambda f: jax.jit(f)(Q),
+}
+
+
+@pytest.mark.parametrize("name", TRANSFORMED)
+def test_programs_are_let_go_by_transformations(name):
+    before = programs()
+    other = robot(1).replace(gravity=np.float32([0, 0, -2]))
+    found = TRANSFORMED[name](functools.partial(js.gravity_forces, other))
+    assert len(programs()) == len(before) + 1
+    del other, found
+    assert len(programs()) == len(before)
+
+
+def test_a_linear_map_keeps_its_programs_without_the_mechanism():
+    def of_other():
+        other = robot(1).replace(gravity=np.float32([0, 0, -3]))
+        return jax.linearize(lambda q: js.gravity_forces(other, q), Q)[1], js.gravity_forces(other, Q)
+
+    before = programs()
+    linear, forces = of_other()
+    assert np.isfinite(linear(Q)).all() and linear(Q).shape == forces.shape and len(programs()) == len(before) + 1
+    del linear
+    assert len(programs()) == len(before)
+
+
 def test_a_second_robot_of_the_same_structure_is_not_traced_again():
     """With numbers as data, whatever its names."""
     first, second = (robot(seed).as_data() for seed in (0, 1))

@@ -29,7 +29,7 @@ def in_64_bits():
 
 def counted(g):
     """How often each operation is needed for results."""
-    names = [g.operations[n] for nodes in llvm_ir._Order(g).members.values() for n in nodes]
+    names = [g.operations[n] for nodes in llvm_ir.Scheduler(g).members.values() for n in nodes]
     return {name: names.count(name) for name in sorted(set(names))}
 
 
@@ -226,7 +226,7 @@ def test_what_a_loop_does_not_change_is_in_front_of_it():
 
     with mock.patch.object(graph, "MOST_UNROLLED", 0):
         g = of_state(f, (6, 1), (1,))
-    order = llvm_ir._Order(g)
+    order = llvm_ir.Scheduler(g)
     inside = [g.operations[n] for n in order.members[g.loops[-1].region]]
     assert sorted(inside) == ["add", "mul"]
     assert sorted(g.operations[n] for n in order.members[0]) == ["add", "div", "mul"]
@@ -310,8 +310,8 @@ def test_a_long_branch_is_computed_where_it_is_taken():
         return lax.while_loop(lambda state: state[1][0] < 9, turn, (jnp.int32(0), x))[1]
 
     g = of_state(f, (1,))
-    (branch,) = (x for x in g.loops if x.is_branch and x.region in {g.regions[n] for n in llvm_ir._Order(g).live})
-    adds = [n for n in llvm_ir._Order(g).live if g.operations[n] == "add" and g.dtypes[n] == F32]
+    (branch,) = (x for x in g.loops if x.is_branch and x.region in {g.regions[n] for n in llvm_ir.Scheduler(g).live})
+    adds = [n for n in llvm_ir.Scheduler(g).live if g.operations[n] == "add" and g.dtypes[n] == F32]
     assert len(adds) == graph.LEAST_SKIPPED and {g.regions[n] for n in adds} == {branch.region}
 
 
@@ -358,7 +358,7 @@ class Custom(program.Program):
         return [self.f(*arrays)]
 
     def outputs(self, avals):
-        return [(avals[0].shape, avals[0].dtype)]
+        return [avals[0]]
 
 
 @pytest.mark.parametrize("f, is_native", [(lambda x: barrier.product(x, x), True), (jnp.sin, False)])

@@ -77,7 +77,7 @@ def test_the_error_of_a_product_needs_no_multiply_add(dtype, width, has_fma):
     near = [info.max, info.max * (1 - info.eps), (1 - 2.0**-26) * info.max, 1 + info.eps]
     a[:4], b[:4] = near, [1 - info.eps, -0.75, 0.5, 1 + info.eps]
     g = graph_of(transforms.two_product, a, b)
-    written = llvm_ir.written(g, width, [False, False], has_fma)
+    written = llvm_ir.ir_of(g, width, [False, False], has_fma)
     assert ("llvm.fma" in written.text) == has_fma
     sizes = (cpu.Argument(1, a.dtype),) * 2, (cpu.Result(1, a.dtype),) * 2
     code = cpu.Code(written.text, width, *sizes, written.frame_bytes)
@@ -302,7 +302,7 @@ def examples():
             (g, x, with_numpy(g, x)) for g, x in more
         ]
         for g, arrays, results in given:
-            for nodes in llvm_ir._Order(g).members.values():
+            for nodes in llvm_ir.Scheduler(g).members.values():
                 for name in map(g.operations.__getitem__, nodes):
                     found.setdefault(name, (g, arrays, results))
     return found
@@ -366,7 +366,7 @@ def chain(n):
 
 def test_a_long_graph_is_several_functions_which_use_memory_again():
     with mock.patch.object(llvm_ir, "LONGEST", 20):
-        few, many = (llvm_ir.written(chain(n), 16, [False]) for n in (50, 200))
+        few, many = (llvm_ir.ir_of(chain(n), 16, [False]) for n in (50, 200))
     assert (few.n_operations, many.n_operations) == (100, 400)
     assert few.text.count("define internal") == 5 and many.text.count("define internal") == 20
     assert few.frame_bytes == many.frame_bytes <= 4 * 64
@@ -386,7 +386,7 @@ def test_what_branches_with_one_condition_pass_on_costs_where_it_is_taken():
         return (skipped(first), first) if is_read else skipped(first)
 
     def counted(is_read):
-        text = llvm_ir.written(graph_of(functools.partial(f, is_read=is_read), np.zeros((1, 3), F32)), 16, [False]).text
+        text = llvm_ir.ir_of(graph_of(functools.partial(f, is_read=is_read), np.zeros((1, 3), F32)), 16, [False]).text
         return text.count(" select "), text.count("store <16 x float> splat (float 0x0000000000000000)")
 
     assert counted(is_read=False) == (3, 3) and counted(is_read=True) == (6, 6)
@@ -401,23 +401,23 @@ def test_a_window_of_a_table_is_read_by_rows():
         return lax.gather(table.reshape((4, 5)), cell, windows, (2, 2), mode="promise_in_bounds")
 
     g = graph_of(f, np.zeros((1, 20), F32), np.zeros((16, 2), F32))
-    names = [g.operations[n] for n in llvm_ir._Order(g).live]
+    names = [g.operations[n] for n in llvm_ir.Scheduler(g).live]
     assert {x: names.count(x) for x in ("lookup", "min", "max", "mul", "add")} == {
         "lookup": 4, "min": 2, "max": 2, "mul": 1, "add": 1,
     }  # fmt: skip
-    text = llvm_ir.written(g, 16, [True, False]).text
+    text = llvm_ir.ir_of(g, 16, [True, False]).text
     assert text.count("extractelement") == 16 and text.count("load <2 x float>") == 32 and "insertelement" not in text
 
 
 def test_the_text_of_a_graph_is_the_same_each_time():
     f, arrays = graphs.random_function(3)
-    first, second = (llvm_ir.written(graph_of(f, *arrays), 8, [False] * 3).text for _ in range(2))
+    first, second = (llvm_ir.ir_of(graph_of(f, *arrays), 8, [False] * 3).text for _ in range(2))
     assert first == second
 
 
 def test_nothing_may_be_contracted_or_assumed():
     g, _, _ = of_operations(F32)
-    words = set(llvm_ir.written(g, 16, [False, False]).text.split())
+    words = set(llvm_ir.ir_of(g, 16, [False, False]).text.split())
     assert not words & {"fast", "contract", "reassoc", "nnan", "ninf", "nsz", "arcp", "afn", "nsw", "nuw", "exact"}
 
 
@@ -428,7 +428,7 @@ def test_code_for_arm_has_every_operation_and_no_other(triple, width):
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     machine = llvm.Target.from_triple(triple).create_target_machine(opt=2)
-    module = llvm.parse_assembly(llvm_ir.written(chain(100), width, [False]).text)
+    module = llvm.parse_assembly(llvm_ir.ir_of(chain(100), width, [False]).text)
     lines = [line.split() for line in machine.emit_assembly(module).splitlines()]
     names = [words[0].partition(".")[0] for words in lines if words and words[0].startswith("f")]
     counts = {name: names.count(name) for name in set(names)}
@@ -436,7 +436,7 @@ def test_code_for_arm_has_every_operation_and_no_other(triple, width):
     assert not set(counts) & {"fmadd", "fmsub", "fnmadd", "fnmsub", "fmla", "fmls"}
     g, arrays = of_many_turns(16, F32)
     with mock.patch.object(llvm_ir, "LONGEST", 5):
-        split_text = llvm_ir.written(g, width, [len(x) == 1 for x in arrays]).text
+        split_text = llvm_ir.ir_of(g, width, [len(x) == 1 for x in arrays]).text
     found = machine.emit_assembly(llvm.parse_assembly(split_text))
     assert all((f"{name}:" in found) == (width > 1) for name in ("before", "turns", "after", "lent", "returned"))
 

@@ -13,16 +13,16 @@ def depth_first(seed):
     with jax.enable_x64(True):
         f, arrays = graphs.random_function(seed)
         g = graphs.graph_of(f, *arrays)
-    order = llvm_ir._Order(g)
+    order = llvm_ir.Scheduler(g)
     items = order._depth_first(0, order.roots, set())
-    return registers.Order(g, items, order.items, order._reads), order.roots, g
+    return registers.Order(g, items, order.items, order.nodes_read), order.roots, g
 
 
 def assert_ordered(order):
     made = set()
     own = set(order.items)
     for item in order.items:
-        assert all(x in made or x not in own for x in order._read(item))
+        assert all(x in made or x not in own for x in order._items_read(item))
         made.add(item)
     results = {x for y in order.graph.results for n in y.ravel().tolist() if (x := order.item_of[n]) is not None}
     assert results <= made and len(made) == len(order.items)
@@ -49,8 +49,8 @@ def held(n):
     for x in squares:
         total = g.operation("sub", (total, x), number)
     g.results = [np.array([total])]
-    order = llvm_ir._Order(g)
-    return registers.Order(g, sorted(order._depth_first(0, order.roots, set())), order.items, order._reads), g
+    order = llvm_ir.Scheduler(g)
+    return registers.Order(g, sorted(order._depth_first(0, order.roots, set())), order.items, order.nodes_read), g
 
 
 def test_cheap_numbers_are_computed_again_instead_of_waiting():
@@ -72,8 +72,8 @@ def test_dear_numbers_wait():
     for x in (*roots[1:], *roots):
         total = g.operation("add", (total, x), number)
     g.results = [np.array([total])]
-    order = llvm_ir._Order(g)
-    order = registers.Order(g, sorted(order._depth_first(0, order.roots, set())), order.items, order._reads)
+    order = llvm_ir.Scheduler(g)
+    order = registers.Order(g, sorted(order._depth_first(0, order.roots, set())), order.items, order.nodes_read)
     n = len(order.items)
     order.compute_again(10)
     assert len(order.items) == n

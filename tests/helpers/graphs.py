@@ -54,7 +54,7 @@ def code_of(g, width, arrays, target=None):
     n = max(map(len, arrays))
     is_shared = [len(x) != n for x in arrays]
     target = target or cpu.host()
-    written = llvm_ir.written(g, width, is_shared, target.has_fma, target.has_compress)
+    written = llvm_ir.ir_of(g, width, is_shared, target.has_fma, target.has_compress)
     arguments = [cpu.Argument(x[0].size, x.dtype, s) for x, s in zip(arrays, is_shared, strict=True)]
     results = [cpu.Result(x.size, dtype) for x, dtype in zip(g.results, dtypes_of(g), strict=True)]
     return cpu.Code(written.text, width, tuple(arguments), tuple(results), *written[1:])

@@ -236,7 +236,7 @@ def _program(*arrays, program, n_batch):
     if found is None:
         traced = program.traced([jax.ShapeDtypeStruct(x.shape, x.dtype) for x in flat])
         found = _evaluated(traced.closed, flat)
-    return [programs.with_batch(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
+    return [programs.with_callers_axes(y, program.primal_of(i), arrays, n_batch, batch) for i, y in enumerate(found)]
 
 
 def _of_graph(program, arrays, n):
@@ -276,7 +276,7 @@ def _nodes(traced):
         made = graph.graph_of(traced.closed, programs._expanded)
     except graph.NotSupportedError:
         return None, traced.out_avals
-    of_region, live = collections.defaultdict(list), llvm_ir._Order(made).live
+    of_region, live = collections.defaultdict(list), llvm_ir.Scheduler(made).live
     for node in sorted(live):
         if made.operations[node] not in ("constant", "carried", "row"):
             of_region[made.regions[node]].append(node)
