@@ -379,9 +379,9 @@ def test_an_algorithm_is_one_call(name):
 
 def test_constants_do_not_decide_how_many_states_fill_a_register():
     """Numbers of a mechanism in float64, of which nothing is computed as they are."""
-    widths, written = [], llvm_ir.written
+    widths, ir_of = [], llvm_ir.ir_of
     with pytest.MonkeyPatch.context() as patch, jax.enable_x64(True):
-        patch.setattr(llvm_ir, "written", lambda g, width, *more: widths.append(width) or written(g, width, *more))
+        patch.setattr(llvm_ir, "ir_of", lambda g, width, *more: widths.append(width) or ir_of(g, width, *more))
         for dtype in (F, np.float64):
             tree, x = js.testing.random_mechanism(5, 2, ["revolute"], dtype=dtype), np.ones((2, 2), F)
             jax.jit(lambda x, tree=tree: js.inverse_dynamics(tree, x, x, x)).lower(x)
