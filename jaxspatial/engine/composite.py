@@ -13,7 +13,7 @@ from jax.core import Tracer
 
 from jaxspatial.engine import program
 from jaxspatial.engine.algorithm import Algorithm, contents, program_cache, warn_of_many_programs, with_batch_axes
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.precision import Precision
 
 
@@ -65,7 +65,7 @@ def composite(function: Callable) -> Callable[..., Any]:
         of_scene = tree.children()[0]
         n = of_scene.num_leaves
         tracing = any(isinstance(x, Tracer) for x in leaves)
-        batch = check.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n:]))
+        batch = floats.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n:]))
         own = jax.tree.leaves(scene[1:])
         key = "composite", of_scene, *(contents(x) for x in own if isinstance(x, np.ndarray))
         cache = program_cache(scene[0] if scene else None, key, of_scene, leaves[:n])
