@@ -13,7 +13,7 @@ from importlib.metadata import version as _version
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
 # how numbers are added and multiplied
-from jaxspatial.numerics.check import NarrowingWarning as NarrowingWarning
+from jaxspatial.numerics.floats import NarrowingWarning as NarrowingWarning
 from jaxspatial.numerics.numbers.components import Components as Components
 from jaxspatial.numerics.numbers.components import from_components as from_components
 from jaxspatial.numerics.numbers.double_word import DoubleWord as DoubleWord

@@ -29,7 +29,18 @@ ON_TOP = ["plot", "viewer", "_drawing"]
 # Modules of public names beside the list of all.
 NAMED = ["regressors", "testing"]
 
-FLOORS = ["jax_internals", "check", "precision", "types", "errorfree", "numbers", "linear", "elimination", "sums"]
+FLOORS = [
+    "jax_internals",
+    "floats",
+    "check",
+    "precision",
+    "types",
+    "errorfree",
+    "numbers",
+    "linear",
+    "elimination",
+    "sums",
+]
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
 

@@ -16,7 +16,7 @@ from jaxspatial.measure import error, timing
 from jaxspatial.measure.inputs import CONDITIONED
 from jaxspatial.measure.operation import OPERATIONS, Operation, Wrenches
 from jaxspatial.measure.timing import Advance
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.precision import DEFAULT, Precision
 from jaxspatial.spatial import SpatialForce, SpatialVelocity, dot, shift
 from jaxspatial.spatial.operations import DOT, SHIFT
@@ -204,7 +204,7 @@ def _errors(operation: Operation, loops: dict[str, _Loop]):
     some = np.flatnonzero(finite)[:: max(1, len(finite) // _SAMPLE)]
     exactly = operation.exactly(*(x[some] for x in arrays))
     # Items whose terms add up to less than half of the largest number.
-    largest = float(check.finfo(arrays[0].dtype).max) / 2
+    largest = float(floats.finfo(arrays[0].dtype).max) / 2
     small = [(mag < largest).astype(bool) for _, mag in exactly]
     inside = np.all([x.all(tuple(range(1, x.ndim))) for x in small], axis=0)
     exactly, errors = [(value[inside], mag[inside]) for value, mag in exactly], {}
@@ -333,7 +333,7 @@ def fits(wrenches: Wrenches, offset: ArrayLike, dtype: DTypeLike):
             powers = (torque * w + f * (v + _cross_of_sizes(w, p))).sum(-1)
             # The total is added up in float64, whatever the dtype: NaN where it is beyond that.
             sizes += [w.max(), v.max(), powers.max(), 0 * powers.sum()]
-    return bool(np.max(sizes) < float(check.finfo(dtype).max))
+    return bool(np.max(sizes) < float(floats.finfo(dtype).max))
 
 
 def _cross_of_sizes(a, b):

@@ -36,7 +36,7 @@ from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import LoopClosure, Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
@@ -225,13 +225,13 @@ def constrained_forward_dynamics(
     dtype, k = cast(Any, q).dtype, None
     require_closable(operation, mechanism, closures, distances, dtype)
     if stabilization is not None:
-        k = check.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
+        k = floats.as_float_array(stabilization, f"{operation}: stabilization", dtype)[..., None]
 
     if closures and mechanism.nv:
         return _constrained_forward_dynamics(resolve(precision), (mechanism, closures), q, v, tau, k, forces, distances)
     # Without velocities nothing moves whatever the wrenches are.
     vdot = forward_dynamics(mechanism, q, v, tau, forces, precision=precision)
-    batch = check.broadcast_shapes(vdot.shape[:-1], *(x.shape[:-1] for x in jax.tree.leaves((distances, k))))
+    batch = floats.broadcast_shapes(vdot.shape[:-1], *(x.shape[:-1] for x in jax.tree.leaves((distances, k))))
     vdot = jnp.broadcast_to(vdot, (*batch, mechanism.nv))
     return ConstrainedDynamics(vdot, SpatialForce.zero((*batch, len(closures)), dtype))
 
@@ -396,7 +396,7 @@ def _inverse(A: jax.Array, shift: jax.Array | float) -> jax.Array:
 
 def _regularization(dtype: np.dtype) -> float:
     """The shift of the proximal iterations, see `_ITERATIONS`."""
-    return check.eps(dtype) ** 0.5
+    return floats.eps(dtype) ** 0.5
 
 
 # -- configurations ---------------------------------------------------------------------------------------------------

@@ -24,7 +24,7 @@ from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import LoopClosure, Mechanism
 from jaxspatial.mechanism.loops import ROWS, checked_loops
 from jaxspatial.mechanism.shapes import directions
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.linear import Motion, Wrench
 from jaxspatial.numerics.numbers import Mask, Number, high, where
@@ -49,7 +49,7 @@ def checked_closures(
         if isinstance(distance, np.ndarray):
             distance = distance.astype(dtype)
         elif distance is not None:
-            distance = check.as_float_array(distance, f"{operation}: loops: distance", dtype)
+            distance = floats.as_float_array(distance, f"{operation}: loops: distance", dtype)
             check.require_same_dtype(q=np.zeros(0, dtype), distance=distance)
         distances.append(None if distance is None else distance[..., None])
     return closures, distances
@@ -81,7 +81,7 @@ def require_closable(
             placed = Placed(loop.kind, None, True, R_A, X_A.translation, p, X_AB)
             error = placed.error if distance is None else _direction(p)[1] - distance
             gap = float(jnp.max(jnp.abs(error)))
-        if gap > check.eps(dtype) ** 0.5:
+        if gap > floats.eps(dtype) ** 0.5:
             raise ValueError(
                 f"{operation}: loops: expected closures that can close, got {loop!r} between frames of one body, "
                 f"{mechanism.frame_body(loop.frame_a)!r}, which stays open by {gap:.3g} (rad, m)"
@@ -275,7 +275,7 @@ class ClosureData(TermData):
         on_b, on_a = (algebra.shifted_wrench(N, -arm) for arm in (arm_b, arm_a))
         error = scalars(state, self.errors)
         # Where the two cannot move against each other, w is made of rounding errors, and nothing closes an error.
-        least = MOBILE * check.eps(high(w).dtype) * alone
+        least = MOBILE * floats.eps(high(w).dtype) * alone
         can_move = ~(high(w) <= high(least)) | is_nan(error)
         whole = where(can_move, w, where(high(alone) > 0, least, 1.0))
         # A momentum is as large as the impulse, and changes velocities by w of it.

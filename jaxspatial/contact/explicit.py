@@ -10,7 +10,7 @@ import numpy as np
 from jaxspatial.contact.geometry import Ground, checked_spheres, contact_geometry
 from jaxspatial.engine.composite import composite
 from jaxspatial.mechanism import AppliedForces, Mechanism, PointContacts
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, cross, dot, norm
 from jaxspatial.numerics.numbers import Number, Numbers, where
@@ -79,7 +79,7 @@ def contact_forces(
     at_q, at_v, contacts, ground, batch = checked_spheres(what, mechanism, q, v, contacts, ground)
     dtype, n = at_q.dtype, len(contacts.frames)
     given = {"dissipation": dissipation, "stiction_speed": stiction_speed}
-    own = {name: check.as_float_array(x, f"{what}: {name}", dtype) for name, x in given.items()}
+    own = {name: floats.as_float_array(x, f"{what}: {name}", dtype) for name, x in given.items()}
     for name, x in own.items():
         if x.shape[-1:] not in ((), (n,)):
             raise ValueError(f"{what}: {name}: expected a number, or shape (*batch, {n}), got {x.shape}")
@@ -88,7 +88,7 @@ def contact_forces(
         raise ValueError(f"{what}: dissipation: expected numbers of at least 0, got {dissipation}")
     if isinstance(own["stiction_speed"], np.ndarray) and not (own["stiction_speed"] > 0).all():
         raise ValueError(f"{what}: stiction_speed: expected numbers above 0, got {stiction_speed}")
-    batch = check.common_batch_shape(**{"q, v and contacts": batch}, **{name: x.shape[:-1] for name, x in own.items()})
+    batch = floats.common_batch_shape(**{"q, v and contacts": batch}, **{name: x.shape[:-1] for name, x in own.items()})
     scene, numbers = (mechanism, contacts, ground), [x if x.ndim else x.reshape(1) for x in own.values()]
     if not n:
         wrenches = SpatialForce.zero((*batch, 0), dtype)
@@ -109,7 +109,7 @@ def _contact_forces(
     """`contact_forces` of arrays, of some contacts."""
     mechanism, contacts, ground = scene
     found = contact_geometry("contact_forces", mechanism, q, v, contacts, ground, precision)
-    numbers = map(check.expanded, (found.depth, contacts.stiffness, contacts.friction, d, v_s))
+    numbers = map(floats.expanded, (found.depth, contacts.stiffness, contacts.friction, d, v_s))
     return SpatialForce(*_forces(precision, found.normals, found.velocities, found.offsets, *numbers))
 
 

@@ -18,7 +18,7 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.shapes import Shape, directions, of_function
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Pose, Vector, cross
 from jaxspatial.numerics.numbers import Numbers, high, where
@@ -47,7 +47,7 @@ def checked_spheres(
     at_q, at_v = checked(operation, mechanism, q=q, v=v)
     check.require_same_dtype(q=at_q, contacts=contacts)
     ground = checked_ground(operation, ground, at_q)
-    batch = check.common_batch_shape(q=at_q.shape[:-1], v=at_v.shape[:-1], contacts=contacts.batch_shape)
+    batch = floats.common_batch_shape(q=at_q.shape[:-1], v=at_v.shape[:-1], contacts=contacts.batch_shape)
     return at_q, at_v, contacts, ground, batch
 
 
@@ -55,7 +55,7 @@ def checked_contacts(operation: str, contacts, name: str = "contacts") -> PointC
     """The contacts, as JAX computes with them."""
     if not isinstance(contacts, PointContacts):
         check.refuse(f"{operation}: {name}", "PointContacts", contacts)
-    return check.narrowed(contacts)
+    return floats.narrowed(contacts)
 
 
 def checked_pairs(operation: str, mechanism: Mechanism, q: Array, pairs) -> Pairs | None:
@@ -64,7 +64,7 @@ def checked_pairs(operation: str, mechanism: Mechanism, q: Array, pairs) -> Pair
     if not isinstance(pairs, tuple) or len(pairs) != 2:
         check.refuse(what, "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
     is_shape = isinstance(pairs[0], ShapeContacts)
-    a = check.narrowed(pairs[0]) if is_shape else checked_contacts(operation, pairs[0], "pairs")
+    a = floats.narrowed(pairs[0]) if is_shape else checked_contacts(operation, pairs[0], "pairs")
     b = checked_contacts(operation, pairs[1], "pairs")
     for x in (a, b):
         check.require_same_dtype(q=q, pairs=x)
@@ -89,7 +89,7 @@ def checked_ground(operation: str, ground, q: Array) -> Ground:
     if ground is None:
         return HalfSpace(np.array([0, 0, 1], q.dtype), np.zeros((), q.dtype))
     if isinstance(ground, Shape):
-        ground = check.narrowed(ground)
+        ground = floats.narrowed(ground)
         check.require_same_dtype(q=q, ground=ground)
     elif not callable(ground):
         expected = "a HalfSpace, or a function from a point (3,) to a number, above zero outside"
@@ -124,7 +124,7 @@ def normals_and_distances(
     ground: as `checked_ground` returns it. A shape may be a batch, of which each has n points.
     """
     if isinstance(ground, Shape):
-        check.common_batch_shape(q=p.shape[:-2], ground=ground.batch_shape)
+        floats.common_batch_shape(q=p.shape[:-2], ground=ground.batch_shape)
         return ground.of_many_points().normals_and_distances(precision, p)
     return of_function(f"{operation}: ground", ground, p, precision)
 
@@ -139,19 +139,19 @@ def pair_normals_and_distances(
     """
     a, b = pairs
     p_WB = sphere_centers(mechanism, q, b, precision)
-    k_A, k_B = (check.expanded(per_contact(x.stiffness, x)) for x in pairs)
+    k_A, k_B = (floats.expanded(per_contact(x.stiffness, x)) for x in pairs)
     if isinstance(a, ShapeContacts):
         X_WA = forward_kinematics(mechanism, q, a.frames, precision=precision)
         from_origin = p_WB - X_WA.translation
         n_A, s = a.shape.normals_and_distances(precision, X_WA.rotation.inverse() @ from_origin)
         normal, r_B = X_WA.rotation @ n_A, jnp.broadcast_to(b.radius, s.shape)
         distance = s - r_B
-        from_b = _to_contact(precision, -normal, *map(check.expanded, (r_B, distance)), k_B, k_A)
+        from_b = _to_contact(precision, -normal, *map(floats.expanded, (r_B, distance)), k_B, k_A)
         return normal, distance, from_origin + from_b, from_b
     normal, length = directions(precision, p_WB - sphere_centers(mechanism, q, a, precision))
     r_A, r_B = (jnp.broadcast_to(x.radius, length.shape) for x in (a, b))
     distance = length - r_A - r_B
-    of_a, of_b, d = map(check.expanded, (r_A, r_B, distance))
+    of_a, of_b, d = map(floats.expanded, (r_A, r_B, distance))
     from_a = _to_contact(precision, normal, of_a, d, k_A, k_B)
     return normal, distance, from_a, _to_contact(precision, -normal, of_b, d, k_B, k_A)
 
@@ -192,12 +192,12 @@ def contact_geometry(
 ) -> ContactGeometry:
     """Of spheres with the ground, as `checked_spheres` returns them. operation: who asks, for messages."""
     if not contacts.frames:
-        nothing = jnp.zeros((*check.broadcast_shapes(q.shape[:-1], v.shape[:-1], contacts.batch_shape), 0, 3), q.dtype)
+        nothing = jnp.zeros((*floats.broadcast_shapes(q.shape[:-1], v.shape[:-1], contacts.batch_shape), 0, 3), q.dtype)
         return ContactGeometry(nothing, nothing[..., 0], nothing, nothing, nothing)
     centers, w, velocities = _motions(operation, mechanism, q, v, contacts, precision)
     normals, distances = normals_and_distances(operation, ground, centers, precision)
     offsets, depth, at_C = _on_ground(
-        precision, w, velocities, normals, *map(check.expanded, (distances, contacts.radius))
+        precision, w, velocities, normals, *map(floats.expanded, (distances, contacts.radius))
     )
     return ContactGeometry(centers, depth, normals, offsets, at_C)
 

@@ -30,12 +30,12 @@ from jaxspatial.contact.term import StepData, Term
 from jaxspatial.contact.world import Forces
 from jaxspatial.dynamics.external_forces import loads
 from jaxspatial.dynamics.newton_euler import forces_of
-from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine import stacking
 from jaxspatial.engine.algorithm import DYNAMICS, FRAMES, Wrenches, algorithm, velocity_shape
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
+from jaxspatial.numerics.floats import is_nothing
 from jaxspatial.numerics.linear import Motion, Vector, Wrench
 from jaxspatial.numerics.numbers import Mask, Number, as_data, constant, data_of, high, is_number, where, with_data
 
@@ -259,10 +259,10 @@ def residual(
     for term, own, u_own in zip(terms, G, u, strict=True):
         if term.rounding_share:
             total = _sum_of([term.rounding(own, u_own)])
-            left = left + (term.rounding_share * check.eps(high(total).dtype)) ** 2 * total
+            left = left + (term.rounding_share * floats.eps(high(total).dtype)) ** 2 * total
     both = world.velocity_numbers(step.v0, step.y_free)
     energies = (world.twice_energy(V, x) for V, x in zip(world.motions(*both), both, strict=True))
-    scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * check.eps(state.dtype)) ** 2
+    scale, least = high(functools.reduce(operator.add, energies)), (OF_MOMENTA * floats.eps(state.dtype)) ** 2
     acts_at_all = _anything_acts(system)
     share = jnp.where(acts_at_all, high(left), 0) / jnp.where(scale <= 0, 1, scale)
     return jnp.sqrt(share + jnp.where(acts_at_all, least, 0))
@@ -377,7 +377,7 @@ def _iterated(constants: Constants, at: Iterate, is_done: jax.Array, is_first: j
 def _rounding_of_velocities(term: Term, u, G) -> Number:
     """What rounding errors of velocities make of g^T H^-1 g."""
     size = term.magnitude(u)
-    rounding = check.eps(high(term.product(size, size)).dtype) * OF_VELOCITIES * size
+    rounding = floats.eps(high(term.product(size, size)).dtype) * OF_VELOCITIES * size
     return term.product(rounding, term.times_G(G, rounding))
 
 
@@ -396,7 +396,7 @@ def _slopes_and_size(
     slope = sums.impulse_d - decrement
     noise = sums.noise + abs(slope) + abs(curvature)
     # Below what rounding errors make of it, no direction goes down.
-    rounding = NOISE * check.eps(high(noise).dtype) * noise
+    rounding = NOISE * floats.eps(high(noise).dtype) * noise
     is_small = ~(high(decrement) > high(where(high(rounding) > high(smallest), rounding, smallest)))
     is_near = (high(decrement) < high(NEAR**2 * smallest)) | (high(decrement) < high(NOISY**2 * at.noise))
     is_small = is_small | (is_near & (high(decrement) > high(STALLED * at.decrement)) & (high(at.decrement) > 0))

@@ -30,7 +30,7 @@ from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism import Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.parts import WORLD
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.linear import Motion, Symmetric, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import Mask, Number, constant, high, is_constant, is_number, where, where_any
 from jaxspatial.numerics.quantity import tree_of
@@ -206,7 +206,7 @@ def harmonic_mean(a, b) -> jax.Array:
 
 def _over_one_batch(arrays) -> jax.Array:
     """Arrays (*batch, k), which may lack axes of the batch, side by side."""
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in arrays))
+    batch = floats.broadcast_shapes(*(x.shape[:-1] for x in arrays))
     return jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in arrays], -1)
 
 
@@ -446,7 +446,7 @@ class Contacts(Term[Vector, LawDerivative]):
 
         def column(pivot: Number, *below: Number) -> list[Number]:
             # Rounding may leave one that is zero at either side of it.
-            is_none = ~(high(pivot) > high(8 * check.eps(high(size).dtype) * size))
+            is_none = ~(high(pivot) > high(8 * floats.eps(high(size).dtype) * size))
             root = where(is_none, 1.0, pivot).sqrt()
             return [where(is_none, zero, x / root) for x in (pivot, *below)]
 

@@ -19,7 +19,7 @@ from jaxspatial.contact.points import harmonic_mean
 from jaxspatial.dynamics.configuration import advance
 from jaxspatial.engine.algorithm import NO_ARRAY, checked
 from jaxspatial.mechanism import Mechanism, PointContacts
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Vector, dot
 from jaxspatial.numerics.numbers import Numbers
@@ -130,7 +130,7 @@ def contact_report(
         friction.append(jnp.broadcast_to(harmonic_mean(*(x.friction for x in pairs)), parts[-1].depth.shape))
     if not parts:
         raise ValueError(f"{what}: expected contacts or pairs, got neither")
-    batch = check.broadcast_shapes(*(x.depth.shape[:-1] for x in parts))
+    batch = floats.broadcast_shapes(*(x.depth.shape[:-1] for x in parts))
     centers, depths, normals, offsets, velocities = (
         jnp.concatenate([jnp.broadcast_to(x, (*batch, *x.shape[axis:])) for x in each], axis)
         for axis, each in zip((-2, -1, -2, -2, -2), zip(*parts, strict=True), strict=True)
@@ -142,8 +142,8 @@ def contact_report(
         n = depths.shape[-1]
         if forces.f.shape[-2:] != (n, 3):
             raise ValueError(f"{what}: forces: expected one for each of {n} contacts, got {forces.batch_shape}")
-        mu = check.expanded(jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in friction], -1))
-        eps = np.full(1, ON_THE_CONE * check.eps(at_q.dtype), at_q.dtype)
+        mu = floats.expanded(jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in friction], -1))
+        eps = np.full(1, ON_THE_CONE * floats.eps(at_q.dtype), at_q.dtype)
         sticks = _sticks(precision, forces.f, normals, mu, eps)
     return ContactReport(points, normals, depths, approach, slip, ~(depths < 0), sticks)
 

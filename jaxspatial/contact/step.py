@@ -27,15 +27,15 @@ from jaxspatial.contact.points import contact_data
 from jaxspatial.contact.tendons import ball_data, tendon_data
 from jaxspatial.contact.term import StepData, TermData
 from jaxspatial.dynamics import steps
-from jaxspatial.dynamics.passive import is_nothing
 from jaxspatial.engine.algorithm import ExternalForces, Wrenches, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
 from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import LoopClosure, Mechanism, PointContacts, ShapeContacts
 from jaxspatial.mechanism.shapes import Shape
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.errorfree.barrier import quotient
+from jaxspatial.numerics.floats import is_nothing
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.promise import promises
 from jaxspatial.numerics.quantity import exported
@@ -190,10 +190,10 @@ def convex_step(
     is_free = given.contacts is None and given.pairs is None and not given.movable(mechanism)
     if not is_free or _of_mechanism(mechanism, dtype):
         return _step(mechanism, at, h, forces, given, precision)
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (*at, h, *jax.tree.leaves(forces))), given.batch_shape)
+    batch = floats.broadcast_shapes(*(x.shape[:-1] for x in (*at, h, *jax.tree.leaves(forces))), given.batch_shape)
     next_q, next_v = steps.semi_implicit_step(mechanism, *at, dt, forces, precision=precision)
     # Known zeros leave no operation behind.
-    zeros = check.numpy_for(batch).zeros
+    zeros = floats.numpy_for(batch).zeros
     residual, iterations = cast(Any, (zeros(batch, dtype), zeros(batch, np.int32)))
     wrenches = given.loop_wrenches(mechanism, None, batch, dtype)
     return ConvexStep(next_q, next_v, None, wrenches, residual, iterations)
@@ -213,7 +213,7 @@ class _ContactsAndLoops(NamedTuple):
     def batch_shape(self) -> tuple[int, ...]:
         ground = self.ground if isinstance(self.ground, Shape) else None
         of_contacts = [x.batch_shape for x in (self.contacts, ground, *(self.pairs or ())) if x is not None]
-        return check.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
+        return floats.broadcast_shapes(*of_contacts, *(d.shape[:-1] for d in self.distances if d is not None))
 
     @property
     def calls_functions(self) -> bool:
@@ -313,7 +313,7 @@ def _convex_step(
 ) -> ConvexStep:
     """`_step` of numbers of 32 or 64 bits."""
     (mechanism, given), (q, v, tau) = scene, at
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in (*at, h, *jax.tree.leaves(forces))), given.batch_shape)
+    batch = floats.broadcast_shapes(*(x.shape[:-1] for x in (*at, h, *jax.tree.leaves(forces))), given.batch_shape)
     c = None if is_nothing(mechanism.damping) else jnp.asarray(mechanism.damping, q.dtype)
     v_free, turning, vdot, tau = steps.stepped_velocities(mechanism, at, h, c, forces, None, precision)
     v0 = steps.without_accelerations(precision, v, h, turning)

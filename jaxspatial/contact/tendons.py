@@ -13,11 +13,12 @@ import numpy as np
 from jaxspatial.contact.joints import Limit, Limited, are_equal
 from jaxspatial.contact.term import Columns, StepData, TermData
 from jaxspatial.contact.world import World, scalars
-from jaxspatial.dynamics.passive import is_infinite, one_array, over_coordinates
+from jaxspatial.dynamics.passive import over_coordinates
 from jaxspatial.engine import stacking
 from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.joints import Ball
+from jaxspatial.numerics.floats import is_infinite, one_array
 from jaxspatial.numerics.linear import Motion, dot
 from jaxspatial.numerics.numbers import Mask, Number, high, where
 from jaxspatial.numerics.quantity import tree_of

@@ -20,7 +20,7 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia import articulated
 from jaxspatial.inertia.articulated import Articulated
 from jaxspatial.mechanism.topology import Bundle
-from jaxspatial.numerics import check, elimination
+from jaxspatial.numerics import elimination, floats
 from jaxspatial.numerics.linear import WHICH_OF_SIX, Matrix, Motion, Symmetric, Vector, Wrench, cross, dot
 from jaxspatial.numerics.numbers import (
     Number,
@@ -94,7 +94,7 @@ def accelerations(state: MechanismState, v: Array, tau: Array, forces: Wrenches)
         if isinstance(e, FloatingElimination):
             # As one number (L, 21, W, B), for other programs.
             entries = jax.tree.leaves(e.matrix, is_leaf=is_number)
-            shape = check.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries))
+            shape = floats.broadcast_shapes((1, 1, 1), *(shape_of(x) for x in entries))
             factors.append(stacking.stacked(entries, shape, 1))
         else:
             factors.append([(x.U, x.D) for x in e])

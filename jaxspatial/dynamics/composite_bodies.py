@@ -19,7 +19,7 @@ from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.inertia.composition import combined
 from jaxspatial.mechanism import Mechanism
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check, elimination
+from jaxspatial.numerics import elimination, floats
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import Number, Numbers, Rounded, high, is_constant, shape_of, where
 from jaxspatial.numerics.precision import Precision, resolve
@@ -164,7 +164,7 @@ class MassMatrixFactor:
             >>> print(js.mass_matrix(arm, q) @ vdot)
             [10.  2.]
         """
-        tau = check.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
+        tau = floats.as_vectors(tau, "MassMatrixFactor.solve: tau", self.L.dtype, self.L.shape[-1])
         n = tau.shape[-1]
         if not 0 < n * n <= _MOST_ENTRIES:
             return _substituted(self.L, tau)
@@ -258,7 +258,7 @@ def _solved(precision: Precision, scene: tuple[()], entries: jax.Array, tau: jax
 
 
 def _substituted(L: jax.Array, tau: jax.Array) -> jax.Array:
-    batch = check.broadcast_shapes(L.shape[:-2], tau.shape[:-1])
+    batch = floats.broadcast_shapes(L.shape[:-2], tau.shape[:-1])
     L, b = (jnp.broadcast_to(x, (*batch, *x.shape[-2:])) for x in (_wide(L), _wide(tau)[..., None]))
     half = lax.linalg.triangular_solve(L, b, left_side=True, lower=True, transpose_a=True)
     return lax.linalg.triangular_solve(L, half, left_side=True, lower=True)[..., 0].astype(tau.dtype)

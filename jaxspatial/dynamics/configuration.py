@@ -7,7 +7,7 @@ from jaxspatial.engine.algorithm import JOINTS, algorithm, checked, checked_mech
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.types import ArrayLike, BatchShape, DTypeLike, Key, PrecisionName
 
@@ -186,7 +186,7 @@ def random_configuration(
     """
     mechanism = checked_mechanism("random_configuration", mechanism)
     check.require_key(key, "random_configuration: key")
-    dtype, batch_shape = check.as_dtype(dtype or mechanism.dtype), check.as_batch_shape(batch_shape)
+    dtype, batch_shape = floats.as_dtype(dtype or mechanism.dtype), check.as_batch_shape(batch_shape)
     t, parts = mechanism.topology, list[jax.Array]()
     for i, k in enumerate(jax.random.split(key, len(t))):
         if not t.is_mimic(i):

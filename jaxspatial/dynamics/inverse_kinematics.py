@@ -26,7 +26,7 @@ from jaxspatial.engine.algorithm import checked, over_batch
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import exported
 from jaxspatial.numerics.types import ArrayLike, Key, PrecisionName
@@ -126,7 +126,7 @@ def inverse_kinematics(
     if not mechanism.nv:
         raise ValueError("inverse_kinematics: mechanism: expected one with joints that move, got nv = 0")
     flat, batch = _targets(targets, frames, start)
-    batch = check.broadcast_shapes(start.shape[:-1], batch)
+    batch = floats.broadcast_shapes(start.shape[:-1], batch)
     names = (frames,) if isinstance(frames, str) else tuple(frames)
     still, start, given = fixed((mechanism, jnp.broadcast_to(start, (*batch, start.shape[-1])), flat))
     numbers = {"names": names, "iterations": iterations, "angle": angle, "distance": distance}
@@ -165,7 +165,7 @@ def _targets(targets, frames, q) -> tuple[list, tuple[int, ...]]:
     if isinstance(targets, RigidTransform):
         arrays = [jnp.asarray(x, x.dtype) for x in jax.tree.leaves(targets)]
     else:
-        arrays = [check.as_vectors(targets, what, q.dtype)]
+        arrays = [floats.as_vectors(targets, what, q.dtype)]
     check.require_same_dtype(q=q, targets=arrays[-1])
     shape = arrays[-1].shape[:-1]
     if shape[len(shape) - len(n) :] != n:
@@ -219,7 +219,7 @@ class _Task(NamedTuple):
         is_held = is_low | is_high if to_be_differentiated else (is_low & (pull < 0)) | (is_high & (pull > 0))
         A = jnp.where(fixed(is_held), jnp.zeros_like(A), A)
         square = jnp.sum(A * A) / len(A)
-        damping = jnp.asarray(32 * check.eps(A.dtype), A.dtype)
+        damping = jnp.asarray(32 * floats.eps(A.dtype), A.dtype)
         if not to_be_differentiated:
             damping = damping + _DAMPING * jnp.minimum(jnp.sum(error * error), 1.0)
         dq = _least_motion(A, error, damping * square)

@@ -15,7 +15,7 @@ from jaxspatial.engine.algorithm import BODIES, algorithm, checked
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Motion, Vector, Wrench, cross
 from jaxspatial.numerics.numbers import Number, halved
@@ -148,7 +148,7 @@ class MomentumObserver:
         q, v, tau, h = checked(name, mechanism, q=q, v=v, tau=tau, dt=dt)
         rate = _per_velocity(mechanism, gain, f"{name}: gain", self.residual.dtype)
         check.require_same_dtype(observer=self.residual, q=q, gain=rate)
-        time, rate = check.broadcast_batch(check.broadcast_shapes(h.shape[:-1], rate.shape[:-1]), h, rate)
+        time, rate = floats.broadcast_batch(floats.broadcast_shapes(h.shape[:-1], rate.shape[:-1]), h, rate)
         x = -time * rate
         b = -(np if isinstance(x, np.ndarray) else jnp).expm1(x)  # 1 - exp(-gain dt)
         p, beta = momentum_and_beta(precision, mechanism, q, v, operation=name)
@@ -158,7 +158,7 @@ class MomentumObserver:
 
 def _per_velocity(mechanism: Mechanism, x: ArrayLike, name: str, dtype: np.dtype) -> Array:
     """A number, or one for each velocity, as an array (*batch, nv)."""
-    array = check.as_float_array(x, name, dtype)
+    array = floats.as_float_array(x, name, dtype)
     if array.ndim and array.shape[-1] != mechanism.nv:
         raise ValueError(f"{name}: expected a number or shape (*batch, {mechanism.nv}), got {array.shape}")
     known = isinstance(array, np.ndarray)

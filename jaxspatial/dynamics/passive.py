@@ -2,7 +2,6 @@
 
 import functools
 import operator
-from collections.abc import Sequence
 from typing import Any, NamedTuple, cast
 
 import jax
@@ -16,7 +15,8 @@ from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import JointsOfKind, MechanismState
 from jaxspatial.mechanism import Mechanism, Tendon
 from jaxspatial.mechanism.joints import Ball
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
+from jaxspatial.numerics.floats import is_infinite, is_nothing, one_array
 from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.linear import Vector, dot
 from jaxspatial.numerics.numbers import Number, Numbers, high, where
@@ -106,7 +106,7 @@ def passive_forces(
     """
     position, velocity = checked("passive_forces", mechanism, q=q, v=v)
     forces = passive_forces_or_none(mechanism, position, velocity, compliance, precision)
-    batch = check.broadcast_shapes(position.shape[:-1], velocity.shape[:-1])
+    batch = floats.broadcast_shapes(position.shape[:-1], velocity.shape[:-1])
     return jnp.zeros((*batch, mechanism.nv), position.dtype) if forces is None else forces
 
 
@@ -154,16 +154,6 @@ def damping_coefficients(
     return _coefficients(precision, v, damping, friction, jnp.broadcast_to(friction_speed, friction.shape))
 
 
-def is_nothing(x: Array):
-    """Whether all numbers are known to be zero."""
-    return isinstance(x, np.ndarray) and not x.any()
-
-
-def is_infinite(limits: Array) -> bool:
-    """Whether all limits are known to be none."""
-    return isinstance(limits, np.ndarray | np.generic) and bool(np.isinf(limits).all())
-
-
 def checked_compliance(mechanism: Mechanism, like, compliance: object):
     """The Compliance, checked, as arrays (nv,); limit_stiffness and limit_damping are None if limits do not act."""
     compliance = Compliance() if compliance is None else compliance
@@ -183,7 +173,7 @@ def checked_compliance(mechanism: Mechanism, like, compliance: object):
 
 def _per_velocity(mechanism: Mechanism, like: Array, name: str, x) -> Array:
     dtype = np.dtype(like.dtype)
-    array = cast(Array, check.as_float_array(0.0 if x is None else x, f"compliance: {name}", dtype))
+    array = cast(Array, floats.as_float_array(0.0 if x is None else x, f"compliance: {name}", dtype))
     check.require_same_dtype(state=like, **{name: array}) if not isinstance(array, np.ndarray) else None
     if array.shape not in ((), (mechanism.nv,)):
         raise ValueError(f"compliance: {name}: expected a number or shape ({mechanism.nv},), got {array.shape}")
@@ -348,12 +338,6 @@ def over_coordinates(mechanism: Mechanism, tendon: Tendon) -> tuple[_Places, lis
             offset, x = offset + x * shift, x * multiplier
         c[leader] = c[leader] + x if leader in c else x
     return tuple((t.q_starts[i], t.v_starts[i]) for i in c), list(c.values()), offset
-
-
-def one_array(numbers: Sequence, dtype: np.dtype) -> Array:
-    """(k,) NumPy where all of them are known."""
-    is_known = all(isinstance(x, np.ndarray | np.generic | float) for x in numbers)
-    return (np if is_known else jnp).stack([(np if is_known else jnp).asarray(x, dtype) for x in numbers])
 
 
 @algorithm(*JOINTS)

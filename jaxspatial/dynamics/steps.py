@@ -22,7 +22,7 @@ from jaxspatial.dynamics.passive import (
 from jaxspatial.engine.algorithm import ExternalForces, checked, over_batch
 from jaxspatial.engine.composite import composite
 from jaxspatial.mechanism import Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.numbers import Number, doubled
 from jaxspatial.numerics.precision import Precision, resolve
@@ -134,7 +134,7 @@ def _scene(mechanism: Mechanism, v: Checked, compliance: Compliance | None) -> S
 
 def at_rest(q: Checked, *others: Checked) -> tuple[jax.Array, jax.Array]:
     """(q, v) without any coordinates and velocities, over the common batch."""
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves((q, others))))
+    batch = floats.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves((q, others))))
     nothing = jnp.zeros((*batch, 0), q.dtype)
     return nothing, nothing
 

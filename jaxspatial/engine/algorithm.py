@@ -30,7 +30,7 @@ from jaxspatial.engine.stacking import Array, Shape
 from jaxspatial.engine.state import MechanismState, is_vector
 from jaxspatial.mechanism import AppliedForces, Mechanism
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check, numbers
+from jaxspatial.numerics import check, floats, numbers
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.errorfree.primitives import computed_at_once, is_zero, same_sharding
 from jaxspatial.numerics.formula import from_outside
@@ -156,15 +156,15 @@ def checked(operation: str, mechanism: object, **arguments) -> tuple:
 def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> dict[str, jax.Array]:
     sizes = dict.fromkeys(("q", "q0", "q1"), mechanism.nq) | dict.fromkeys(("v", "vdot", "tau"), mechanism.nv)
     # Lists of numbers take the dtype of an array beside them.
-    dtype = check.floating_dtype(*(x for name, x in arguments.items() if name in sizes), mechanism._first_data)
+    dtype = floats.floating_dtype(*(x for name, x in arguments.items() if name in sizes), mechanism._first_data)
     arrays = {
-        name: check.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
+        name: floats.as_vectors(x, f"{operation}: {name}", dtype, sizes[name])
         for name, x in arguments.items()
         if name in sizes
     }
     for name in {"dt", "t"} & arguments.keys():
         dtype = next(iter(arrays.values())).dtype
-        arrays[name] = check.as_float_array(arguments[name], f"{operation}: {name}", dtype)[..., None]
+        arrays[name] = floats.as_float_array(arguments[name], f"{operation}: {name}", dtype)[..., None]
     return arrays
 
 
@@ -183,7 +183,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) 
     """`_external` of what is no list, and has this name in messages."""
     what, number = f"{operation}: {argument}", functools.partial(mechanism.topology.index, mechanism.frame_names)
     if isinstance(forces, AppliedForces):
-        F = check.narrowed(forces)
+        F = floats.narrowed(forces)
         frames = tuple(number(name, f"{what}: frames") for name in F.frames)
         if not frames:
             return {argument: F}, ()
@@ -199,7 +199,7 @@ def _of_one_source(argument: str, operation: str, mechanism: Mechanism, forces) 
     for name, F in by_name.items():
         if not isinstance(F, SpatialForce):
             raise TypeError(f"{what}[{name!r}]: expected a SpatialForce, got {type(F).__name__}")
-    by_name = check.narrowed(by_name)
+    by_name = floats.narrowed(by_name)
     wrenches: list[WrenchesOnFrames] = []
     for name, F in sorted(by_name.items(), key=lambda item: numbers[item[0]]):
         tau, f = (_array_or_none(x, F.batch_shape) for x in F._vectors)
@@ -222,7 +222,7 @@ def _require_one_batch(arguments: dict[str, Any]) -> None:
     forces = SpatialForce, AppliedForces
     shapes = {name: x.batch_shape if isinstance(x, forces) else x.shape[:-1] for name, x in arguments.items()}
     try:
-        check.common_batch_shape(**shapes)
+        floats.common_batch_shape(**shapes)
     except ValueError as error:
         if not any(isinstance(x, SpatialForce) and x.batch_shape for x in arguments.values()):
             raise
@@ -449,7 +449,7 @@ def run(
     """
     n_fields = of_fields.num_leaves
     is_traced = any(isinstance(x, Tracer) for x in leaves)
-    batch = check.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n_fields:]))
+    batch = floats.broadcast_shapes((), *(x.shape[:-1] for x in leaves[n_fields:]))
     dtype = np.dtype(leaves[n_fields].dtype)
     if is_rigid:
         # The results get the batch at the end.
@@ -505,14 +505,14 @@ def warn_of_many_programs(operation: str, cache: ProgramCache, key: tuple) -> No
 def over_batch(function: Callable, *arguments):
     """The function of one state, over the common batch of its arguments: trees of arrays (*batch, n)."""
     leaves, tree = jax.tree.flatten(arguments)
-    batch = check.broadcast_shapes(*(x.shape[:-1] for x in leaves))
+    batch = floats.broadcast_shapes(*(x.shape[:-1] for x in leaves))
 
     def of_leaves(*leaves):
         return function(*jax.tree.unflatten(tree, leaves))
 
     for _ in batch:
         of_leaves = jax.vmap(of_leaves)
-    arrays = check.broadcast_batch(batch, *leaves)
+    arrays = floats.broadcast_batch(batch, *leaves)
     meshes = (jax.typeof(x).sharding.mesh for x in arrays)
     mesh = next((mesh for mesh in meshes if jax.sharding.AxisType.Explicit in mesh.axis_types), None)
     if mesh is None:

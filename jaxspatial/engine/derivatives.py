@@ -25,7 +25,7 @@ from jaxspatial.engine.program import (
     summed_like,
     zeros,
 )
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree.primitives import is_zero, no_tangent
 from jaxspatial.numerics.jax_internals import ad, partial_eval
 
@@ -154,7 +154,7 @@ class Tangent(Derived):
             return self._tangents_by_rule(arguments, 1, *tangents)
         at, along = list[jax.Array](), list[jax.Array]()
         for x, t in zip(itertools.compress(arguments, self.moving), tangents, strict=True):
-            shape = check.broadcast_shapes(x.shape, t.shape)
+            shape = floats.broadcast_shapes(x.shape, t.shape)
             at.append(jnp.broadcast_to(x, shape))
             along.append(jnp.broadcast_to(t, shape))
         return jax.jvp(functools.partial(self._results, arguments), at, along)[1]
@@ -172,7 +172,7 @@ class Tangent(Derived):
         if at_one_state is None:
             return None
         matrices, tangents = at_one_state
-        batch = check.broadcast_shapes(*(x.shape[:-1] for x in tangents))
+        batch = floats.broadcast_shapes(*(x.shape[:-1] for x in tangents))
         columns = jnp.concatenate([jnp.broadcast_to(x, (*batch, x.shape[-1])) for x in tangents], -1)
         return [times_columns(jnp.concatenate(matrices, -1), columns)]
 
@@ -183,7 +183,7 @@ class Tangent(Derived):
         for i in itertools.compress(range(len(at)), moving):
             # Over the batch of its tangent.
             x, of_tangent = at[i], tangents[self.places.index(i)].aval.shape
-            shape = check.broadcast_shapes(x.shape[:n_batch], of_tangent[:n_batch])
+            shape = floats.broadcast_shapes(x.shape[:n_batch], of_tangent[:n_batch])
             at[i] = jnp.broadcast_to(x, (*shape, *x.shape[n_batch:]))
         of_linear = self.program.pulled_back(moving, at, cotangents, n_batch)
         return [*[None] * len(at), *_placed(linear, of_linear)]
@@ -331,7 +331,7 @@ def _(primals, tangents):
 
 def times_columns(matrix: jax.Array, columns: jax.Array):
     """A matrix (*batch, n, m) times k columns (k, *batch, m): (k, *batch, n). Exact for unit vectors."""
-    shape = check.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
+    shape = floats.broadcast_shapes(matrix.shape[:-2], columns.shape[1:-1])
     wide = np.dtype(np.float32) if matrix.dtype.itemsize == 2 else matrix.dtype
     products = jnp.einsum(
         "...ij,k...j->k...i", matrix, columns, precision="highest", preferred_element_type=wide, optimize=False

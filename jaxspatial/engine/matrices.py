@@ -16,7 +16,7 @@ from jax import lax
 from jaxspatial.engine import recursion, stacking
 from jaxspatial.engine.state import JointState, MechanismState, across
 from jaxspatial.mechanism.topology import Chains
-from jaxspatial.numerics import check, numbers
+from jaxspatial.numerics import floats, numbers
 from jaxspatial.numerics.linear import Pose, Vector
 from jaxspatial.numerics.numbers import (
     Number,
@@ -80,7 +80,7 @@ def _of_chains(state: MechanismState, trees: Sides, group: Chains) -> tuple[int,
         """The rows of all bodies of a chain as one axis: (L k, W, B)."""
         if word.ndim >= 3:
             word = word[..., first : first + group.length, : group.width, :]
-        full = jnp.broadcast_to(word, (k, group.length, *check.broadcast_shapes(word.shape[-2:], (1, 1))))
+        full = jnp.broadcast_to(word, (k, group.length, *floats.broadcast_shapes(word.shape[-2:], (1, 1))))
         return jnp.moveaxis(full, 0, 1).reshape((-1, *full.shape[2:]))
 
     return k * group.length, stacking.mapped(flat, tree) if k else None

@@ -22,7 +22,7 @@ from jax import lax
 
 from jaxspatial.engine import cpu, cuda, graph, xla
 from jaxspatial.engine.machine import Argument, Machine, Result
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree.primitives import (
     compiled,
     inlined_calls,
@@ -88,8 +88,8 @@ class Program:
 
         Symbols of `jax.export` are of one export, and not even compared with those of another.
         """
-        in_64_bits = self.is_wide or bool(check.config.jax_enable_x64)
-        if not all(check.is_sized(a.shape) for a in avals):
+        in_64_bits = self.is_wide or bool(floats.config.jax_enable_x64)
+        if not all(floats.is_sized(a.shape) for a in avals):
             return Traced(self, avals, in_64_bits)
         key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), in_64_bits
         return self.cached(key, lambda: Traced(self, avals, in_64_bits))
@@ -203,7 +203,7 @@ def bind(program: Program, arrays: Sequence, n_batch: int) -> list:
 
 
 def _abstract(*avals, program: Program, n_batch: int) -> list:
-    batch = check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
+    batch = floats.broadcast_shapes(*(a.shape[:n_batch] for a in avals))
     items = [jax.ShapeDtypeStruct(a.shape[n_batch:], a.dtype) for a in avals]
     specs = [a.sharding.spec for a in avals]
     common = [next((s[k] for s in specs if s[k] is not None), None) for k in range(n_batch)]
@@ -278,11 +278,11 @@ def run(
 
     native: None for XLA's way. in_parts: whether XLA compiles it for CPUs, see `xla.in_parts`.
     """
-    batch = check.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
-    if check.is_sized(batch) and math.prod(batch) == 0:
+    batch = floats.broadcast_shapes(*(x.shape[:n_batch] for x in arrays))
+    if floats.is_sized(batch) and math.prod(batch) == 0:
         return _of_no_states(program, n_batch, batch, arrays)
     is_on_cpu = native is not None and native.machine is cpu
-    columns = program.columns(arrays, n_batch) if is_on_cpu and check.is_sized(batch) else []
+    columns = program.columns(arrays, n_batch) if is_on_cpu and floats.is_sized(batch) else []
     if columns:
         return [_over_columns(program.over_columns(), columns, n_batch, native, arrays)]
     flat = [with_one_axis(x, n_batch, batch) for x in arrays]
@@ -323,7 +323,7 @@ def with_one_axis(x: jax.Array, n_batch: int, batch: tuple[int, ...]) -> jax.Arr
     """An array (*batch, ...) as (B, ...), or as (1, ...) where no axis of the batch varies."""
     shape = x.shape[:n_batch]
     # A symbol of `jax.export` stands for any number of states.
-    if (not check.is_sized(shape) or math.prod(shape) > 1) and shape != batch:
+    if (not floats.is_sized(shape) or math.prod(shape) > 1) and shape != batch:
         x, shape = jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), batch
     return x.reshape((math.prod(shape), *x.shape[n_batch:]))
 
@@ -345,7 +345,7 @@ def with_callers_axes(
 def n_states(arrays: Sequence[jax.Array]) -> int:
     """The number of states of arrays (B, ...), or (1, ...) where all states share one."""
     sizes = tuple(x.shape[0] for x in arrays)
-    symbols = (n for n in sizes if not check.is_sized((n,)))
+    symbols = (n for n in sizes if not floats.is_sized((n,)))
     return next(symbols, None) or max(sizes, default=1)
 
 
@@ -357,7 +357,7 @@ def _natively(program: Program, native: Native, n: int, arrays: Sequence[jax.Arr
 
     A result that is the cotangent of what all states share is summed over them.
     """
-    if not check.is_sized((n,)):
+    if not floats.is_sized((n,)):
         return None
     is_shared = tuple(x.shape[0] != n for x in arrays)
     code = _code_with_shapes(
@@ -405,7 +405,7 @@ def _code_with_shapes(
         return _CodeWithShapes(code, [a.shape[1:] for a in traced.out_avals])
 
     key = tuple((a.shape, np.dtype(a.dtype).name) for a in avals), is_shared, n
-    in_64_bits = bool(check.config.jax_enable_x64)
+    in_64_bits = bool(floats.config.jax_enable_x64)
     return program.cached(("code", machine, key, in_64_bits), made)
 
 
@@ -421,8 +421,8 @@ def _expanded(eqn, read_trace: graph.Read, nodes: list[graph.Nodes]) -> list[gra
     avals = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in eqn.invars]
     # As it is traced elsewhere, so that it need not be traced again.
     is_wide = program.is_wide or any(np.dtype(a.dtype).itemsize == 8 for a in avals)
-    with jax.enable_x64(is_wide or bool(check.config.jax_enable_x64)):
-        if math.prod(check.broadcast_shapes(*(a.shape[:n_batch] for a in avals))) != 1:
+    with jax.enable_x64(is_wide or bool(floats.config.jax_enable_x64)):
+        if math.prod(floats.broadcast_shapes(*(a.shape[:n_batch] for a in avals))) != 1:
             closed = jax.make_jaxpr(functools.partial(run, program, n_batch, None))(*avals)
             return read_trace(closed, nodes, program.may_fuse)
         # Of one state: its own trace as it is.

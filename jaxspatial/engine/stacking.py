@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.numerics import check, numbers
+from jaxspatial.numerics import floats, numbers
 from jaxspatial.numerics.numbers import Number, Numbers, is_constant, is_number
 from jaxspatial.numerics.sums.pairwise import pairwise
 
@@ -65,7 +65,7 @@ def stacked_trees(trees: Sequence[T]) -> T:
     """Stacks k trees of numbers to one of numbers (k, ...). Known equal numbers stay known, a single tree unchanged."""
     if len(trees) == 1:
         return trees[0]
-    return _leafwise(trees, lambda x: stacked(x, check.broadcast_shapes((1, 1, 1), *map(numbers.shape_of, x)), 0))
+    return _leafwise(trees, lambda x: stacked(x, floats.broadcast_shapes((1, 1, 1), *map(numbers.shape_of, x)), 0))
 
 
 def concatenated(parts: Numbers) -> Number:

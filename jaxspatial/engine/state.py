@@ -20,7 +20,7 @@ from jaxspatial.engine import alignment, stacking
 from jaxspatial.engine.stacking import Array
 from jaxspatial.mechanism.joints import CosSin, JointKind, Parameter
 from jaxspatial.mechanism.topology import Bundle, Topology
-from jaxspatial.numerics import check, linear, numbers
+from jaxspatial.numerics import floats, linear, numbers
 from jaxspatial.numerics.formula import converted, of_terms
 from jaxspatial.numerics.functions import cosine_sine
 from jaxspatial.numerics.linear import Inertia, Matrix, Motion, Pose, Symmetric, Vector
@@ -201,7 +201,7 @@ class MechanismState:
             return False
         on_sphere = q[bundle.places(self.topology.q_starts, bundle.kind.sphere[0])].astype(np.float64)
         with np.errstate(over="ignore"):
-            return bool((abs((on_sphere**2).sum(-1) - 1) <= 2 * check.eps(self.dtype)).all())
+            return bool((abs((on_sphere**2).sum(-1) - 1) <= 2 * floats.eps(self.dtype)).all())
 
     # -- bodies and joints of a bundle --------------------------------------------------------------------------------
 
@@ -233,7 +233,7 @@ class MechanismState:
         if isinstance(entries, np.ndarray):
             # Files write pi/2 with few digits, which leaves 5e-12 where a rotation by 90 degrees has zeros. Without
             # what is below 2^-12 u no result changes, in any precision.
-            is_dust = abs(entries) < check.eps(self.dtype) * 2.0**-13
+            is_dust = abs(entries) < floats.eps(self.dtype) * 2.0**-13
             entries = np.where(is_dust, 0, entries).astype(entries.dtype)
         return Pose(Matrix.of_entries(self.numbers(entries)), Vector(*self.numbers(p)))
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxspatial.engine import cpu, program
 from jaxspatial.engine.program import Aval, Native, Program
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree.primitives import lower_fun, unsharded
 from jaxspatial.numerics.jax_internals import mlir
 from jaxspatial.numerics.sums.evaluation import Plan, evaluate, is_simple
@@ -50,7 +50,7 @@ _program_of = functools.lru_cache(maxsize=256)(Sums)
 def _lower(context, *arrays, plan: Plan):
     is_double = plan.precision == "compensated" and context.avals_in[0].dtype == np.float64
     is_of_items = not plan.leading and not any(s.reduced for s in plan.sums)
-    are_many = check.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST
+    are_many = floats.is_sized(plan.batch) and math.prod(plan.batch) >= FEWEST
     native = Native.of(context, cpu) if is_double and is_of_items and are_many else None
     if native is None:
         return lower_for_cpus(context, *arrays, plan=plan)

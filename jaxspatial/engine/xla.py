@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree import barrier
 from jaxspatial.numerics.errorfree.primitives import not_inlined
 from jaxspatial.numerics.jax_internals import ClosedJaxpr, Literal, jaxpr_as_fun
@@ -100,7 +100,7 @@ def _own(eqn, has_plain_products: bool) -> Callable | None:
     if name in _SUMS:
         summed = eqn.params["axes"] if name == "reduce_sum" else eqn.params["dimension_numbers"][0][0]
         sizes = [eqn.invars[0].aval.shape[k] for k in summed]
-        return _SUMS[name] if check.is_sized(sizes) and 0 < math.prod(sizes) <= MOST_TERMS else None
+        return _SUMS[name] if floats.is_sized(sizes) and 0 < math.prod(sizes) <= MOST_TERMS else None
     return _FACTORS.get(name) or (_ELEMENTWISE.get(name) if has_plain_products else None)
 
 

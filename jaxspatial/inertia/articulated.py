@@ -11,8 +11,9 @@ import numpy as np
 from jaxspatial.inertia import parameters
 from jaxspatial.inertia.composition import steiner
 from jaxspatial.inertia.inertia import ABOUT, SpatialInertia, as_entries
-from jaxspatial.numerics import check, elimination
-from jaxspatial.numerics.check import as_matrices, expanded, refuse, require_kind
+from jaxspatial.numerics import check, elimination, floats
+from jaxspatial.numerics.check import refuse, require_kind
+from jaxspatial.numerics.floats import as_matrices, expanded
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import (
     PLACES,
@@ -97,8 +98,8 @@ class ArticulatedInertia(Additive):
             return
         named = zip(self.__match_args__, self._vectors, self._items, strict=True)
         parts = check.same_dtype(**{name: as_entries(x, f"ArticulatedInertia: {name}", n) for name, x, (n,) in named})
-        batch = check.common_batch_shape(**{name: x.shape[:-1] for name, x in parts.items()})
-        for name, part in zip(parts, check.broadcast_batch(batch, *parts.values()), strict=True):
+        batch = floats.common_batch_shape(**{name: x.shape[:-1] for name, x in parts.items()})
+        for name, part in zip(parts, floats.broadcast_batch(batch, *parts.values()), strict=True):
             object.__setattr__(self, name, part)
 
     # -- construction -------------------------------------------------------------------------------------------------
@@ -191,8 +192,8 @@ class ArticulatedInertia(Additive):
             >>> print(P.is_physically_valid())
             False
         """
-        P = check.narrowed(self)
-        tolerance = 64 * check.eps(P.dtype) if tolerance is None else float(tolerance)
+        P = floats.narrowed(self)
+        tolerance = 64 * floats.eps(P.dtype) if tolerance is None else float(tolerance)
         return _is_valid(None, from_double_word(P._grouped), tolerance=tolerance)
 
     # -- operations ---------------------------------------------------------------------------------------------------
@@ -410,7 +411,7 @@ def _freedoms(
     given = armature if isinstance(armature, (list, tuple)) else [armature] * len(motions)
     if len(given) != len(motions):
         raise ValueError(f"joint_projection: armature: expected {len(motions)} numbers, got {len(given)}")
-    armatures = [expanded(check.as_float_array(x, "joint_projection: armature", P.dtype)) for x in given]
+    armatures = [expanded(floats.as_float_array(x, "joint_projection: armature", P.dtype)) for x in given]
     for x in armatures:
         require_compatible(ArticulatedInertia=P, armature=x)
     return motions, armatures

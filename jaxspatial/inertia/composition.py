@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Inertia, Symmetric, Vector
 from jaxspatial.numerics.numbers import Number, Numbers, Rounded, constant, high, noinline_pairs, where
@@ -74,7 +74,7 @@ def composite(precision: Precision, mass, com, central) -> list[jax.Array]:
 @formula
 def _composite(M: Inertia) -> Inertia:
     """An error of the common centre of mass counts in the central inertia by its square only."""
-    shape = check.broadcast_shapes(*(jnp.shape(high(x)) for x in (M.mass, *M.com, *M.central)))
+    shape = floats.broadcast_shapes(*(jnp.shape(high(x)) for x in (M.mass, *M.com, *M.central)))
     (mass,) = sums_over_items((M.mass,), shape[-1])
     divisor = _spread(mass, shape)
     is_massless = high(divisor) == 0
@@ -109,7 +109,7 @@ def sums_over_items(numbers: Numbers, size: int) -> Numbers:
     if not data:
         return tuple(rounded)
     # All of them in one array: one chain of additions.
-    shape = check.broadcast_shapes((size,), *(x.shape for x in data))
+    shape = floats.broadcast_shapes((size,), *(x.shape for x in data))
     sums = pairwise_sum(jnp.stack([jnp.broadcast_to(x, shape) for x in data]))
     found = iter(unstack(jnp.moveaxis(sums, 0, -1)))
     return tuple(x if is_known(x.value, 0) else Rounded(x.precision, next(found)[..., None]) for x in rounded)

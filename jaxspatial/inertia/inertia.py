@@ -13,8 +13,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.inertia import composition, parameters, shapes
-from jaxspatial.numerics import check, eigen
-from jaxspatial.numerics.check import as_matrices, expanded, owned, require_kind, shown
+from jaxspatial.numerics import check, eigen, floats
+from jaxspatial.numerics.check import require_kind, shown
+from jaxspatial.numerics.floats import as_matrices, expanded, owned
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Inertia, Motion, Pose, Symmetric, Vector, congruence
 from jaxspatial.numerics.numbers import Number, halved
@@ -316,12 +317,12 @@ class SpatialInertia(Additive):
             SpatialInertia(mass=2.0, com=[0.0, 0.0, 0.5], central=[0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
         """
         dtype = shapes.dtype_of(com, mass)
-        c = check.as_vectors(com, "point_mass: com", dtype, keep_dtype=True)
+        c = floats.as_vectors(com, "point_mass: com", dtype, keep_dtype=True)
         m = shapes.number(mass, "point_mass: mass", dtype, may_be_zero=True)
         check.require_same_dtype(com=c, mass=m)
-        batch = check.common_batch_shape(com=c.shape[:-1], mass=m.shape)
-        m, c = check.broadcast_batch(batch, expanded(m), c)
-        return cls(m.reshape(batch), c, check.numpy_for(batch).zeros((*batch, 6), c.dtype))
+        batch = floats.common_batch_shape(com=c.shape[:-1], mass=m.shape)
+        m, c = floats.broadcast_batch(batch, expanded(m), c)
+        return cls(m.reshape(batch), c, floats.numpy_for(batch).zeros((*batch, 6), c.dtype))
 
     @classmethod
     @promises(mass=shapes.MASS, central=shapes.CENTRAL)
@@ -600,7 +601,7 @@ class SpatialInertia(Additive):
         """
         kind, amount = shapes.single_amount("solid_tetrahedron", mass, density)
         dtype = shapes.dtype_of(vertices, amount)
-        v = check.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], keep_dtype=True)
+        v = floats.as_vectors(vertices, "solid_tetrahedron: vertices", dtype, many=["4"], keep_dtype=True)
         if v.shape[-2] != 4:
             raise ValueError(f"solid_tetrahedron: vertices: expected shape (*batch, 4, 3), got {v.shape}")
         amount = shapes.number(amount, f"solid_tetrahedron: {kind}", v.dtype, may_be_zero=True)
@@ -656,11 +657,11 @@ class SpatialInertia(Additive):
         """
         kind, amount = shapes.single_amount("triangle_mesh", mass, density)
         dtype = shapes.dtype_of(vertices, amount)
-        vertices = check.as_vectors(vertices, "triangle_mesh: vertices", dtype, many=["n"])
+        vertices = floats.as_vectors(vertices, "triangle_mesh: vertices", dtype, many=["n"])
         corners = shapes.corners_of(vertices, triangles)
         amount = shapes.number(amount, f"triangle_mesh: {kind}", corners.dtype, may_be_zero=True)
         check.require_same_dtype(vertices=corners, **{kind: amount})
-        check.common_batch_shape(vertices=corners.shape[:-2], **{kind: amount.shape})
+        floats.common_batch_shape(vertices=corners.shape[:-2], **{kind: amount.shape})
         arrays = amount.reshape((*amount.shape, 1, 1)), corners, shapes.middle_of(corners)
         results = shapes.evaluated(shapes.triangle_mesh, precision, *arrays, by=kind, size=corners.shape[-2])
         shapes.require_finite("triangle_mesh", arrays, *results, nan=True)
@@ -759,7 +760,7 @@ class SpatialInertia(Additive):
             >>> print(M.mass, M.com, M.central)
             2.0 [0.  0.  0.5] [0.1 0.  0.1 0.  0.  0.2]
         """
-        ten = check.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
+        ten = floats.as_vectors(pi10, "SpatialInertia.from_dynamic_parameters: pi10", size=10)
         return cls(ten[..., 0], *parameters.from_dynamic_parameters(precision, ten))
 
     @classmethod
@@ -817,7 +818,7 @@ class SpatialInertia(Additive):
             >>> print(M.mass, M.com, M.central_matrix().diagonal())
             1.0 [0. 0. 0.] [2. 2. 2.]
         """
-        theta10 = check.as_vectors(theta10, "SpatialInertia.from_log_cholesky: theta10", size=10)
+        theta10 = floats.as_vectors(theta10, "SpatialInertia.from_log_cholesky: theta10", size=10)
         return cls(*parameters.from_log_cholesky(precision, theta10))
 
     # -- to other parameters ------------------------------------------------------------------------------------------
@@ -998,10 +999,10 @@ class SpatialInertia(Additive):
 
     def _shift(self, p_PQ_E: ArrayLike, w: ArrayLike | None, precision: PrecisionName) -> Self:
         require_no_w(self, w)
-        p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", self.dtype)
+        p = floats.as_vectors(p_PQ_E, "shift: p_PQ_E", self.dtype)
         batch = require_compatible(SpatialInertia=self, p_PQ_E=p)
-        M = check.narrowed(self)
-        (central,) = check.broadcast_batch(batch, M.central)
+        M = floats.narrowed(self)
+        (central,) = floats.broadcast_batch(batch, M.central)
         return M._moved(batch, _shifted_com(precision, M.com, p), central)
 
     def _rotate(self, R_AE: Rotation, precision: PrecisionName) -> Self:
@@ -1018,13 +1019,13 @@ class SpatialInertia(Additive):
 
     def _placed(self, function: Callable[..., list[jax.Array]], precision: PrecisionName, *pose: jax.Array) -> Self:
         """The same mass, with com and central from a formula of (*pose, com, central)."""
-        M = check.narrowed(self)
-        batch = check.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
+        M = floats.narrowed(self)
+        batch = floats.broadcast_shapes(M.batch_shape, *(x.shape[:-1] for x in pose))
         return M._moved(batch, *function(precision, *pose, M.com, M.central))
 
     def _moved(self, batch_shape: tuple[int, ...], com: jax.Array, central: jax.Array) -> Self:
         """The same mass, over a batch, with another com and central."""
-        (mass,) = check.broadcast_batch(batch_shape, expanded(self.mass))
+        (mass,) = floats.broadcast_batch(batch_shape, expanded(self.mass))
         return self._like(self.mass if self.batch_shape == batch_shape else mass[..., 0], com, central)
 
     # -- motion -------------------------------------------------------------------------------------------------------
@@ -1218,10 +1219,10 @@ class SpatialInertia(Additive):
             >>> print(js.stack([rod, rod, rod]).sum().mass)
             6.0
         """
-        place = check.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
+        place = floats.batch_axis(axis, self.batch_shape, "SpatialInertia.sum")
         if not self.batch_shape[place]:
             return self.zero((*self.batch_shape[:place], *self.batch_shape[place + 1 :]), self.dtype)
-        moved = moved_to_last(check.narrowed_each(self._vectors), place, self.batch_shape)
+        moved = moved_to_last(floats.narrowed_each(self._vectors), place, self.batch_shape)
         return self._like(*composition.composite(resolve(precision), *moved))
 
     # -- principal axes -----------------------------------------------------------------------------------------------
@@ -1269,7 +1270,7 @@ class SpatialInertia(Additive):
             >>> print(moments)
             [ 5. 10. 13.]
         """
-        moments, axes = eigen.decomposition(resolve(precision), check.narrowed(self.central))
+        moments, axes = eigen.decomposition(resolve(precision), floats.narrowed(self.central))
         return moments, Rotation(axes)
 
     @promises(bound=ELLIPSOID)
@@ -1365,7 +1366,7 @@ class SpatialInertia(Additive):
             >>> print(M.validity_slack() < 0)
             True
         """
-        M = Inertia(*check.narrowed_each(self._vectors))
+        M = Inertia(*floats.narrowed_each(self._vectors))
         return parameters.slack(precision, M, eigen.decomposition(resolve(precision), M.central)[0])
 
     def is_physically_valid(self, tolerance: float | None = None, *, precision: PrecisionName = None) -> jax.Array:
@@ -1389,7 +1390,7 @@ class SpatialInertia(Additive):
             >>> print(M.is_physically_valid())
             [ True False]
         """
-        tolerance = _TOLERANCE * check.eps(check.narrowed(self).dtype) if tolerance is None else tolerance
+        tolerance = _TOLERANCE * floats.eps(floats.narrowed(self).dtype) if tolerance is None else tolerance
         return self.validity_slack(precision=precision) >= -tolerance
 
     @promises(bound=NEAREST_VALID)
@@ -1414,8 +1415,8 @@ class SpatialInertia(Additive):
             >>> print(M.is_physically_valid(), M.nearest_valid().is_physically_valid())
             False True
         """
-        M = check.narrowed(self)
-        tolerance = float(_TOLERANCE * check.eps(M.dtype) if tolerance is None else tolerance)
+        M = floats.narrowed(self)
+        tolerance = float(_TOLERANCE * floats.eps(M.dtype) if tolerance is None else tolerance)
         moments_and_axes = eigen.decomposition(resolve(precision), M.central)
         mass, central = parameters.nearest_valid(precision, M._grouped, *moments_and_axes, tolerance=tolerance)
         return self._like(mass, M.com, central)
@@ -1452,22 +1453,22 @@ def _acted_inverse(R, p: Vector, com: Vector, central: Symmetric) -> list:
 
 def _checked(operation: str, mass: ArrayLike, com: ArrayLike, six: ArrayLike, name: str = "central") -> list:
     """The three as arrays of one dtype over their common batch, the last by six entries."""
-    dtype = check.floating_dtype(mass, com, six)
+    dtype = floats.floating_dtype(mass, com, six)
     arrays = {
-        f"{operation}: mass": check.as_float_array(mass, f"{operation}: mass", dtype, keep_dtype=True),
-        f"{operation}: com": check.as_vectors(com, f"{operation}: com", dtype, keep_dtype=True),
+        f"{operation}: mass": floats.as_float_array(mass, f"{operation}: mass", dtype, keep_dtype=True),
+        f"{operation}: com": floats.as_vectors(com, f"{operation}: com", dtype, keep_dtype=True),
         f"{operation}: {name}": as_entries(six, f"{operation}: {name}", 6, dtype),
     }
     arrays = check.same_dtype(**arrays)
     items = dict(zip(arrays, ((), (3,), (6,)), strict=True))
     shapes = {key: x.shape[: len(x.shape) - len(items[key])] for key, x in arrays.items()}
-    batch = check.common_batch_shape(**shapes)
+    batch = floats.common_batch_shape(**shapes)
     return [x if shapes[key] == batch else _broadcast(x, (*batch, *items[key])) for key, x in arrays.items()]
 
 
 def as_entries(x: ArrayLike, name: str, n: int, dtype: DTypeLike | None = None):
     """An array (*batch, n), or of matrices (*batch, 3, 3) their n entries: 6 of symmetric ones, or all 9."""
-    array = check.as_float_array(x, name, dtype, keep_dtype=True)
+    array = floats.as_float_array(x, name, dtype, keep_dtype=True)
     if array.shape[-1:] == (n,):
         return array
     if array.shape[-2:] != (3, 3):
@@ -1478,6 +1479,6 @@ def as_entries(x: ArrayLike, name: str, n: int, dtype: DTypeLike | None = None):
 def _broadcast(array, shape: tuple[int, ...]):
     if isinstance(array, DoubleWord):
         return jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), array)
-    if isinstance(array, check.StandIn):
+    if isinstance(array, floats.StandIn):
         return array._over_batch(shape[:-1])
     return (np if isinstance(array, np.ndarray) else jnp).broadcast_to(array, shape)

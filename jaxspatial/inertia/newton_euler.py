@@ -3,7 +3,7 @@
 import jax
 
 from jaxspatial.inertia.inertia import SpatialInertia
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Inertia, Motion, Vector, Wrench
@@ -61,7 +61,7 @@ def newton_euler(
 def angular_velocity(A: SpatialAcceleration, w: ArrayLike | SpatialVelocity, operation: str) -> jax.Array:
     """The array, or the rotational part of a velocity, of the dtype of the acceleration."""
     require_kind(A, SpatialAcceleration, operation)
-    w = w.w if isinstance(w, SpatialVelocity) else check.as_vectors(w, f"{operation}: w", A.dtype)
+    w = w.w if isinstance(w, SpatialVelocity) else floats.as_vectors(w, f"{operation}: w", A.dtype)
     require_compatible(SpatialAcceleration=A, w=w)
     return w
 

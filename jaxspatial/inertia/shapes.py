@@ -16,9 +16,9 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.inertia.composition import first, sums_over_items
-from jaxspatial.numerics import check, linear
-from jaxspatial.numerics.check import expanded
+from jaxspatial.numerics import floats, linear
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
+from jaxspatial.numerics.floats import expanded
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import pi
 from jaxspatial.numerics.linear import PLACES, Matrix, Symmetric, Vector, cross, dot, left_sum
@@ -59,13 +59,13 @@ def body(
         if n == 1:
             arrays[key] = expanded(number(x, f"{name}: {key}", dtype, key in may_be_zero))
         else:
-            arrays[key] = check.as_vectors(x, f"{name}: {key}", dtype, size=n, keep_dtype=True)
+            arrays[key] = floats.as_vectors(x, f"{name}: {key}", dtype, size=n, keep_dtype=True)
             _require_positive(arrays[key], f"{name}: {key}", key in may_be_zero)
     inner, outer = arrays.get("inner_radius"), arrays.get("outer_radius")
     if isinstance(inner, np.ndarray) and isinstance(outer, np.ndarray) and (inner > outer).any():
         raise ValueError(f"{name}: inner_radius: expected at most outer_radius {outer[..., 0]}, got {inner[..., 0]}")
     if axis is not None:
-        arrays["axis"] = check.as_vectors(axis, f"{name}: axis", dtype)
+        arrays["axis"] = floats.as_vectors(axis, f"{name}: axis", dtype)
     return computed(shape, precision, arrays, by=kind)
 
 
@@ -79,11 +79,11 @@ def single_amount(name: str, mass: ArrayLike | None, density: ArrayLike | None) 
 
 def dtype_of(*values) -> np.dtype | None:
     """That of the first array of floating point among the values, for all Python numbers; None where there is none."""
-    return check.floating_dtype(*jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, check.StandIn)))
+    return floats.floating_dtype(*jax.tree.leaves(values, is_leaf=lambda x: isinstance(x, floats.StandIn)))
 
 
 def number(x: ArrayLike, name: str, dtype: np.dtype | None, may_be_zero: bool = False) -> jax.Array:
-    array = check.as_float_array(x, name, dtype, keep_dtype=True)
+    array = floats.as_float_array(x, name, dtype, keep_dtype=True)
     _require_positive(array, name, may_be_zero)
     return array
 
@@ -106,7 +106,7 @@ def computed(
         arrays["axis"] = evaluated(_direction, None, arrays["axis"])
     m, *com, central = evaluated(shape, precision, *arrays.values(), **static)
     require_finite(shape.__name__, arrays.values(), m, central, nan=has_no_axis)
-    return m.reshape(batch), com[0] if com else check.numpy_for(batch).zeros((*batch, 3), central.dtype), central
+    return m.reshape(batch), com[0] if com else floats.numpy_for(batch).zeros((*batch, 3), central.dtype), central
 
 
 def require_finite(name: str, arguments: Iterable, *results, nan: bool = False) -> None:
@@ -117,7 +117,7 @@ def require_finite(name: str, arguments: Iterable, *results, nan: bool = False) 
     if all(isinstance(x, np.ndarray) for x in results) and all(np.isfinite(x).all() for x in arguments):
         if any((np.isinf(x) if nan else ~np.isfinite(x)).any() for x in results):
             dtype = results[-1].dtype
-            largest = f"{float(check.finfo(dtype).max):.3g} in {dtype}"
+            largest = f"{float(floats.finfo(dtype).max):.3g} in {dtype}"
             raise ValueError(f"{name}: expected mass and moments with terms of at most {largest}, got larger ones")
 
 
@@ -280,7 +280,7 @@ def _squares(m: Number, edges: Sequence[Vector]) -> Symmetric:
 def corners_of(vertices: jax.Array, triangles) -> jax.Array:
     """(*batch, m, 9): the three vertices of each of m triangles."""
     n = vertices.shape[-2]
-    triangles = triangles if isinstance(triangles, check.ARRAYS) else np.asarray(triangles)
+    triangles = triangles if isinstance(triangles, floats.ARRAYS) else np.asarray(triangles)
     if triangles.ndim != 2 or triangles.shape[1] != 3 or not triangles.shape[0]:
         raise ValueError(f"triangle_mesh: triangles: expected shape (m, 3) with m >= 1, got {triangles.shape}")
     if not jnp.issubdtype(triangles.dtype, jnp.integer):

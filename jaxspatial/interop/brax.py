@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.inertia import SpatialInertia
-from jaxspatial.numerics import check, eigen
+from jaxspatial.numerics import check, eigen, floats
 from jaxspatial.numerics.numbers.components import as_array
 from jaxspatial.numerics.types import PrecisionName
 from jaxspatial.rotation import Rotation
@@ -203,7 +203,7 @@ def to_inertia(M_BBo_B: SpatialInertia) -> "base.Inertia":
     """
     from brax import base
 
-    transform = base.Transform.create(pos=check.as_vectors(M_BBo_B.com, "brax.to_inertia: com"))
+    transform = base.Transform.create(pos=floats.as_vectors(M_BBo_B.com, "brax.to_inertia: com"))
     return base.Inertia(transform=transform, i=M_BBo_B.central_matrix(), mass=M_BBo_B.mass)
 
 
@@ -223,7 +223,7 @@ def from_moved_inertia(M: "base.Inertia", *, precision: PrecisionName = None) ->
         >>> js.interop.brax.from_moved_inertia(js.interop.brax.to_moved_inertia(rod)).com
         Array([ 0. ,  0. , -0.5], dtype=float32)
     """
-    mass, six = check.as_float_array(M.mass, "brax.from_moved_inertia: mass"), eigen.six_of_matrix(M.i)
+    mass, six = floats.as_float_array(M.mass, "brax.from_moved_inertia: mass"), eigen.six_of_matrix(M.i)
     pi10 = jnp.concatenate((mass.reshape((*mass.shape, 1)), M.transform.pos, six), -1)
     return SpatialInertia.from_dynamic_parameters(pi10, precision=precision)
 

@@ -27,7 +27,7 @@ from jaxspatial.inertia import SpatialInertia
 from jaxspatial.interop import bodies, orders
 from jaxspatial.interop.orders import K
 from jaxspatial.mechanism import AppliedForces, Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.quantity import require_compatible
@@ -137,7 +137,7 @@ def to_object_acceleration(A_WP_W: SpatialAcceleration, gravity: ArrayLike) -> j
 
 
 def _of_gravity(gravity: ArrayLike, like: SpatialAcceleration) -> SpatialAcceleration:
-    a = check.as_vectors(gravity, "gravity", like.dtype)
+    a = floats.as_vectors(gravity, "gravity", like.dtype)
     return SpatialAcceleration(0 * a, a)
 
 
@@ -179,7 +179,7 @@ def to_contact_force(F_P_W: SpatialForce, frame: ArrayLike, *, precision: Precis
 
 def _rotation(matrix: ArrayLike) -> Rotation:
     """Of (*batch, 9) in C or (*batch, 3, 3) in MJX, row by row."""
-    m = check.as_float_array(matrix, "mujoco: matrix", keep_dtype=True)
+    m = floats.as_float_array(matrix, "mujoco: matrix", keep_dtype=True)
     return Rotation.from_matrix(m if m.shape[-1] == 3 else m.reshape((*m.shape[:-1], 3, 3)))
 
 
@@ -253,7 +253,7 @@ def from_xfrc_applied(model, xfrc_applied: ArrayLike) -> AppliedForces:
         >>> print(forces.frames, forces.points, forces.wrenches.f)
         ('ball',) [[0.  0.  0.5]] [[0. 1. 0.]]
     """
-    six = check.as_vectors(
+    six = floats.as_vectors(
         xfrc_applied, "mujoco.from_xfrc_applied: xfrc_applied", size=6, many=["nbody"], keep_dtype=True
     )
     if six.shape[-2] != model.nbody:
@@ -335,7 +335,7 @@ def from_cinert(cinert: ArrayLike, *, precision: PrecisionName = None) -> Spatia
         >>> js.interop.mujoco.from_cinert(ten).mass
         array(2., dtype=float32)
     """
-    ten = check.as_vectors(cinert, "mujoco.from_cinert: cinert", size=10)
+    ten = floats.as_vectors(cinert, "mujoco.from_cinert: cinert", size=10)
     return SpatialInertia.from_dynamic_parameters(ten[..., _FROM_CINERT], precision=precision)
 
 
@@ -380,7 +380,7 @@ def from_body_inertia(
         [0. 0. 1.] [3. 0. 2. 0. 0. 1.]
     """
     X_BI = RigidTransform(Rotation.from_quaternion(body_iquat, precision=precision), body_ipos)
-    moments = check.as_vectors(body_inertia, "mujoco.from_body_inertia: body_inertia", X_BI.dtype)
+    moments = floats.as_vectors(body_inertia, "mujoco.from_body_inertia: body_inertia", X_BI.dtype)
     is_moment = np.array([1, 0, 1, 0, 0, 1], X_BI.dtype)
     diagonal = moments[..., np.array([0, 0, 1, 0, 0, 2])] * np.broadcast_to(is_moment, (*moments.shape[:-1], 6))
     principal = SpatialInertia(body_mass, np.zeros(3, X_BI.dtype), diagonal)
@@ -685,14 +685,14 @@ def _arguments(operation: str, mechanism: Mechanism, **arrays: ArrayLike) -> tup
     qpos, qvel = ([0, *itertools.accumulate(sizes)] for sizes in ([k.nq for k in kinds], [k.nv for k in kinds]))
     sizes = {"q": mechanism.nq, "qpos": qpos[-1]} | dict.fromkeys(("qvel", "qacc", "qfrc"), qvel[-1])
     checked = {
-        name: check.as_vectors(x, f"{operation}: {name}", size=sizes.get(name, mechanism.nv))
+        name: floats.as_vectors(x, f"{operation}: {name}", size=sizes.get(name, mechanism.nv))
         for name, x in arrays.items()
     }
     batch = require_compatible(**checked)
     dtype = next(iter(checked.values())).dtype
     slices = ([slice(a, b) for a, b in itertools.pairwise(ends)] for ends in (qpos, qvel))
     joints = [_Joint(mechanism, i, a, b, dtype) for i, (a, b) in enumerate(zip(*slices, strict=True))]
-    return joints, SimpleNamespace(**dict(zip(checked, check.broadcast_batch(batch, *checked.values()), strict=True)))
+    return joints, SimpleNamespace(**dict(zip(checked, floats.broadcast_batch(batch, *checked.values()), strict=True)))
 
 
 def _of_joints(like: jax.Array, parts: list[jax.Array]) -> jax.Array:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxspatial.engine.algorithm import ExternalForces
 from jaxspatial.interop import bodies
 from jaxspatial.mechanism import AppliedForces, Mechanism
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
@@ -91,7 +91,7 @@ def from_body_f(model, body_f) -> AppliedForces:
         ('upper', 'lower') [0. 1. 0.]
     """
     labels, centers = _bodies("newton.from_body_f", model)
-    x = check.as_vectors(_array(body_f), "newton.from_body_f: body_f", size=6, many=["n"], keep_dtype=True)
+    x = floats.as_vectors(_array(body_f), "newton.from_body_f: body_f", size=6, many=["n"], keep_dtype=True)
     if model.world_count > 1 and x.ndim == 2:
         x = x.reshape((model.world_count, -1, 6))
     if x.shape[-2] != len(labels):

@@ -11,7 +11,7 @@ from typing import TypeVar
 import jax
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform
@@ -38,7 +38,7 @@ def from_linear_first(kind: type[K], x6: ArrayLike) -> K:
         >>> js.interop.orders.from_linear_first(js.SpatialForce, np.float32([1, 2, 3, 4, 5, 6]))  # [f; tau]
         SpatialForce(tau=[4.0, 5.0, 6.0], f=[1.0, 2.0, 3.0])
     """
-    six = check.as_vectors(x6, "from_linear_first: x6", size=6, keep_dtype=True)
+    six = floats.as_vectors(x6, "from_linear_first: x6", size=6, keep_dtype=True)
     return kind(six[..., 3:], six[..., :3])
 
 
@@ -66,7 +66,7 @@ def matrix_from_linear_first(m: ArrayLike) -> jax.Array:
         >>> print(js.interop.orders.matrix_from_linear_first(m)[0])
         [21. 22. 23. 18. 19. 20.]
     """
-    matrix = check.as_vectors(m, "matrix_from_linear_first: m", size=6, many=["6"], keep_dtype=True)
+    matrix = floats.as_vectors(m, "matrix_from_linear_first: m", size=6, many=["6"], keep_dtype=True)
     exchanged = np.array([3, 4, 5, 0, 1, 2])
     return matrix[..., exchanged[:, None], exchanged]
 
@@ -160,7 +160,7 @@ def pose_from_xyz_xyzw(x7: ArrayLike, *, precision: PrecisionName = None) -> Rig
         >>> print(X_AB.translation)
         [1. 2. 3.]
     """
-    pose = check.as_vectors(x7, "pose_from_xyz_xyzw: x7", size=7, keep_dtype=True)
+    pose = floats.as_vectors(x7, "pose_from_xyz_xyzw: x7", size=7, keep_dtype=True)
     return _pose(pose[..., :3], quaternion_from_xyzw(pose[..., 3:]), precision)
 
 
@@ -186,7 +186,7 @@ def pose_from_xyz_wxyz(x7: ArrayLike, *, precision: PrecisionName = None) -> Rig
         >>> print(X_AB.translation)
         [1. 2. 3.]
     """
-    pose = check.as_vectors(x7, "pose_from_xyz_wxyz: x7", size=7, keep_dtype=True)
+    pose = floats.as_vectors(x7, "pose_from_xyz_wxyz: x7", size=7, keep_dtype=True)
     return _pose(pose[..., :3], pose[..., 3:], precision)
 
 
@@ -212,7 +212,7 @@ def pose_from_wxyz_xyz(x7: ArrayLike, *, precision: PrecisionName = None) -> Rig
         >>> print(X_AB.translation)
         [1. 2. 3.]
     """
-    pose = check.as_vectors(x7, "pose_from_wxyz_xyz: x7", size=7, keep_dtype=True)
+    pose = floats.as_vectors(x7, "pose_from_wxyz_xyz: x7", size=7, keep_dtype=True)
     return _pose(pose[..., 4:], pose[..., :4], precision)
 
 
@@ -233,7 +233,7 @@ def _pose(xyz: jax.Array, wxyz: jax.Array, precision: PrecisionName) -> RigidTra
 
 
 def _reordered(x: ArrayLike, name: str, *order: int) -> jax.Array:
-    return check.as_vectors(x, name, size=len(order), keep_dtype=True)[..., np.array(order)]
+    return floats.as_vectors(x, name, size=len(order), keep_dtype=True)[..., np.array(order)]
 
 
 # -- one item, for libraries that hold one -----------------------------------------------------------------------------

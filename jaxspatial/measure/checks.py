@@ -19,9 +19,9 @@ from jax import lax
 from jaxspatial.measure import error, inputs, timing
 from jaxspatial.measure.error import rationals
 from jaxspatial.measure.operation import OPERATIONS, Operation
-from jaxspatial.numerics.check import finfo
 from jaxspatial.numerics.errorfree import transforms
 from jaxspatial.numerics.errorfree.barrier import quotient
+from jaxspatial.numerics.floats import finfo
 from jaxspatial.numerics.numbers.double_word import to_double_word
 from jaxspatial.numerics.precision import DEFAULT, Precision
 from jaxspatial.numerics.promise import DOUBLE_WORDS, Promise

@@ -8,7 +8,7 @@ import numpy as np
 from jax.typing import DTypeLike
 from numpy.typing import ArrayLike
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.promise import Promise
 
 # -- exact results, and the sizes of their terms -----------------------------------------------------------------------
@@ -100,7 +100,7 @@ def unit_roundoff(dtype: DTypeLike) -> Fraction:
         >>> print(js.measure.unit_roundoff(np.float32), js.measure.unit_roundoff(np.float16))
         1/16777216 1/2048
     """
-    return Fraction(check.eps(dtype)) / 2
+    return Fraction(floats.eps(dtype)) / 2
 
 
 def ulp(exact: np.ndarray, dtype: DTypeLike):
@@ -112,7 +112,7 @@ def ulp(exact: np.ndarray, dtype: DTypeLike):
         >>> print(*js.measure.ulp(js.measure.rationals([1.0, 1000.0]), np.float16))
         1/1024 1/2
     """
-    info = check.finfo(dtype)
+    info = floats.finfo(dtype)
     return np.asarray(np.frompyfunc(lambda x: _ulp(x, info), 1, 1)(exact), dtype=object)
 
 
@@ -127,7 +127,7 @@ def in_ulps(computed: ArrayLike, exact: ArrayLike):
         >>> print(js.measure.in_ulps(third, 1 / js.measure.rationals(3.0)))
         0.3333333333333333
     """
-    info = check.finfo(np.asarray(computed).dtype)
+    info = floats.finfo(np.asarray(computed).dtype)
     return _ratios(computed, exact, lambda e, _: _ulp(e, info), exact)
 
 
@@ -142,7 +142,7 @@ def in_ulps_of_norm(computed: ArrayLike, exact: ArrayLike):
         >>> print(js.measure.in_ulps_of_norm(thirds, js.measure.rationals([1.0, 100.0]) / 3))
         0.3333333333333333
     """
-    info, exact = check.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
+    info, exact = floats.finfo(np.asarray(computed).dtype), np.asarray(exact, dtype=object)
     return _ratios(computed, exact, lambda _, m: _ulp(m, info), abs(exact).max(-1, keepdims=True)).max(-1)
 
 
@@ -201,7 +201,7 @@ def _ratios(computed, exact, unit, magnitude, flushed=0):
     finite = np.isfinite(computed.astype(np.float64))
     errors = abs(rationals(np.where(finite, computed, np.zeros_like(computed))) - exact)
     if flushed:
-        errors = np.maximum(errors - flushed * Fraction(float(check.finfo(computed.dtype).tiny)), 0)
+        errors = np.maximum(errors - flushed * Fraction(float(floats.finfo(computed.dtype).tiny)), 0)
     sizes = np.frompyfunc(unit, 2, 1)(exact, magnitude)
     ratios = np.frompyfunc(lambda e, size: float(e / size) if size else math.inf if e else 0.0, 2, 1)(errors, sizes)
     return np.where(finite, np.asarray(ratios, np.float64), np.inf)

@@ -20,7 +20,7 @@ from jax.typing import DTypeLike
 
 from jaxspatial.measure.error import evaluate, rationals, ulp
 from jaxspatial.measure.operation import OPERATIONS
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 
 # A number, or one per component.
 Condition = float | np.ndarray
@@ -46,14 +46,14 @@ def parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
 
 def nearly_parallel(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """As `parallel`, but for a few units in the last place."""
-    eps = check.eps(dtype)
+    eps = floats.eps(dtype)
     wide = (x.astype(np.float64) for x in parallel(rng, count, n, dtype))
     return [(x * (1 + 4 * eps * rng.standard_normal((n, 3)))).astype(dtype) for x in wide]
 
 
 def just_above_powers_of_two(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """Significands of few units above 1, where a rounding error is largest relative to the number."""
-    eps = check.eps(dtype)
+    eps = floats.eps(dtype)
     return _rounded((1 + eps * rng.integers(0, 8, (count, n, 3))) * rng.choice([-1.0, 1.0], (count, n, 3)), dtype)
 
 
@@ -92,7 +92,7 @@ def near_overflow_of_products(rng: np.random.Generator, count: int, n: int, dtyp
     In items of even number the arrays are exactly parallel, cross products exactly 0. In the others they are parallel
     but for one unit in the last place of each component, cross products at most an eighth of the largest number.
     """
-    info = check.finfo(dtype)
+    info = floats.finfo(dtype)
     directions = _signed(rng, np.full((n, 3), info.maxexp // 2), dtype)
     off = rng.integers(0, 2, (count, n, 3)) * (np.arange(n)[:, None] % 2)
     nearly = directions + np.copysign(off * np.ldexp(float(info.eps), info.maxexp // 2), directions)
@@ -107,7 +107,7 @@ def near_overflow_of_splits(rng: np.random.Generator, count: int, n: int, dtype:
     multiplying the huge one by 2^k + 1, as Veltkamp's splitting does, overflows. Each ordered pair of arrays takes its
     turn. Products of the small one with the others may underflow. With one array alone, all is huge.
     """
-    info, item, number = check.finfo(dtype), np.arange(n)[:, None], np.arange(count)[:, None, None]
+    info, item, number = floats.finfo(dtype), np.arange(n)[:, None], np.arange(count)[:, None, None]
     huge = item % count
     small = (huge + 1 + item // count % max(count - 1, 1)) % count
     beside = np.where(number == small, rng.integers(info.minexp, info.minexp + 3, (count, n, 3)), -2)
@@ -121,14 +121,14 @@ def tiny_products(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike
     The smaller products underflow; the rounding errors of all the others, which a compensated operation computes, are
     below 2 tiny.
     """
-    info = check.finfo(dtype)
+    info = floats.finfo(dtype)
     lowest, highest = -((info.nmant - info.minexp) // 2), (info.nmant + info.minexp) // 2
     return list(_signed(rng, rng.integers(lowest, highest + 1, (count, n, 3)), dtype).astype(dtype))
 
 
 def subnormals(rng: np.random.Generator, count: int, n: int, dtype: DTypeLike):
     """A third each: subnormal numbers of all sizes, numbers from tiny to 8 tiny, normally distributed numbers."""
-    info, size = check.finfo(dtype), (count, n, 3)
+    info, size = floats.finfo(dtype), (count, n, 3)
     below = np.ldexp(np.floor(2.0 ** rng.uniform(0, info.nmant, size)), info.minexp - info.nmant)
     above = _signed(rng, rng.integers(info.minexp, info.minexp + 3, size), dtype)
     kinds = [below * rng.choice([-1.0, 1.0], size), above, rng.standard_normal(size)]
@@ -243,7 +243,7 @@ def _last_term(rest, mag, condition, sign):
 
 def _factors(rng, products, dtype):
     """x, y whose products are `products` (Fractions, none 0) up to the rounding of y; of similar size."""
-    spread = 2.0 ** (rng.uniform(-1, 1, len(products)) * check.finfo(dtype).maxexp / 64)
+    spread = 2.0 ** (rng.uniform(-1, 1, len(products)) * floats.finfo(dtype).maxexp / 64)
     sizes = np.sqrt(abs(products).astype(np.float64)) * spread
     x = (sizes * rng.choice([-1, 1], len(products))).astype(dtype)
     return x, nearest(products / rationals(x), dtype)
@@ -251,7 +251,7 @@ def _factors(rng, products, dtype):
 
 def _signed(rng, exponents, dtype):
     """Numbers of random sign and significand times 2^exponents, representable, in float64."""
-    digits = check.finfo(dtype).nmant
+    digits = floats.finfo(dtype).nmant
     significands = 1 + np.ldexp(rng.integers(0, 2**digits, np.shape(exponents)).astype(np.float64), -digits)
     return np.ldexp(significands * rng.choice([-1.0, 1.0], np.shape(exponents)), exponents)
 
@@ -262,7 +262,7 @@ def _halves(rng, count, n, dtype):
 
 
 def _spread(dtype):
-    return max(int(check.finfo(dtype).maxexp) // 8, 1)
+    return max(int(floats.finfo(dtype).maxexp) // 8, 1)
 
 
 def _rounded(x, dtype):

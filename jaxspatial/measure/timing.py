@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.precision import OF_REFERENCES, Precision, default_precision
 
 Name = TypeVar("Name", bound=Hashable)
@@ -170,7 +170,7 @@ def reference(function: Callable, arguments: Sequence, precision: Precision = OF
 
 
 def _is_floating(x):
-    return isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating)
+    return isinstance(x, floats.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating)
 
 
 def _relative_error(x, exact):

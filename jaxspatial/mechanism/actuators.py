@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula, plus
 from jaxspatial.numerics.numbers import Number, where
 from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of, require_compatible
@@ -107,10 +107,10 @@ class Actuators(OfOneDtype):
         given = {name: getattr(self, name) for name in ("gears", *_NUMBERS)}
         if all(map(check.is_tree_mark, given.values())):
             return
-        dtype, arrays = check.floating_dtype(*given.values()), dict[str, Any]()
+        dtype, arrays = floats.floating_dtype(*given.values()), dict[str, Any]()
         for name, x in given.items():
             size = sum(map(len, joints)) if name == "gears" else len(names)
-            array = check.as_float_array(x, f"Actuators: {name}", dtype, keep_dtype=True)
+            array = floats.as_float_array(x, f"Actuators: {name}", dtype, keep_dtype=True)
             if array.shape[-1:] not in ((), (size,)):
                 raise ValueError(f"Actuators: {name}: expected a number, or shape (*batch, {size}), got {array.shape}")
             if isinstance(array, np.ndarray) and np.isnan(array).any():
@@ -123,7 +123,7 @@ class Actuators(OfOneDtype):
                 expected = f"expected at most {upper}, {given[upper]}"
                 raise ValueError(f"Actuators: {lower}: {expected}, got {given[lower]}")
         for name, x in arrays.items():
-            object.__setattr__(self, name, check.owned(x))
+            object.__setattr__(self, name, floats.owned(x))
 
     @classmethod
     def from_mjcf(cls, mech: "Mechanism", path_or_text: Any, *, assets: Mapping[str, bytes] | None = None) -> Self:
@@ -176,7 +176,7 @@ class Actuators(OfOneDtype):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over actuators."""
-        return check.broadcast_shapes(*(getattr(self, name).shape[:-1] for name in ("gears", *_NUMBERS)))
+        return floats.broadcast_shapes(*(getattr(self, name).shape[:-1] for name in ("gears", *_NUMBERS)))
 
     @property
     def dtype(self) -> np.dtype:
@@ -218,7 +218,7 @@ class Actuators(OfOneDtype):
         """
         what, n = "Actuators.torques", len(self.names)
         sizes = {"q": (q, mech.nq), "v": (v, mech.nv), "ctrl": (ctrl, n)}
-        arrays = {k: check.as_vectors(x, f"{what}: {k}", self.dtype, size=m) for k, (x, m) in sizes.items()}
+        arrays = {k: floats.as_vectors(x, f"{what}: {k}", self.dtype, size=m) for k, (x, m) in sizes.items()}
         batch = require_compatible(actuators=self, **arrays)
         pulls = _pulls(mech, self.joints)
         dtype, gears = arrays["q"].dtype, self._repeated("gears", len(pulls.actuator))
@@ -244,7 +244,7 @@ class Actuators(OfOneDtype):
         """The numbers of a field, one for each of n."""
         x = getattr(self, name)
         xp = np if isinstance(x, np.ndarray) else jnp
-        return check.narrowed(xp.broadcast_to(x, (*x.shape[:-1], n)))
+        return floats.narrowed(xp.broadcast_to(x, (*x.shape[:-1], n)))
 
     def __repr__(self) -> str:
         numbers = ", ".join(f"{name}={check.shown(getattr(self, name), 0)}" for name in ("gears", *_NUMBERS[:4]))

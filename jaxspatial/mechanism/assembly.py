@@ -26,7 +26,7 @@ from jaxspatial.mechanism.parts import (
     spring_reference,
 )
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.numbers.rounded import in_double
 from jaxspatial.rotation import Rotation
 from jaxspatial.spatial import RigidTransform, act
@@ -314,7 +314,7 @@ def require_in_range(topology: Topology, arrays: dict[str, Any], dtype: np.dtype
     Of what a joint carries, these are bounds over all angles: the distance of a body from the joint is at most the
     length of the way there, from joint to joint. Displacements of joints are not in it.
     """
-    largest, names = float(check.finfo(dtype).max), [name for name, _ in topology.frames]
+    largest, names = float(floats.finfo(dtype).max), [name for name, _ in topology.frames]
     for i, (_, number) in enumerate(topology.welds):
         _require_own(names[number], _sums(arrays["weld_inertias"], i), largest, dtype)
     gravity = math.hypot(*arrays["gravity"].tolist())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self, cast
 import jax
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike
 
@@ -79,20 +79,20 @@ class PointContacts(OfOneDtype):
         given = {name: getattr(self, name) for name in ("positions", *_PARAMETERS)}
         if all(map(check.is_tree_mark, given.values())):
             return
-        dtype = check.floating_dtype(*given.values())
+        dtype = floats.floating_dtype(*given.values())
         arrays = {name: per_frame("PointContacts", name, given[name], len(frames), dtype) for name in _PARAMETERS}
         if self.positions is not None:
             what, n = "PointContacts: positions", len(frames)
-            positions = check.as_vectors(self.positions, what, dtype, many=[str(n)], keep_dtype=True)
+            positions = floats.as_vectors(self.positions, what, dtype, many=[str(n)], keep_dtype=True)
             if positions.shape[-2] != n:
                 raise ValueError(f"{what}: expected shape (*batch, {n}, 3), got {positions.shape}")
             if isinstance(positions, np.ndarray) and np.isnan(positions).any():
                 raise ValueError(f"{what}: expected numbers, got {positions.tolist()}")
             arrays["positions"] = positions
         check.require_same_dtype(**arrays)
-        check.common_batch_shape(**{name: _batch_shape(name, x) for name, x in arrays.items()})
+        floats.common_batch_shape(**{name: _batch_shape(name, x) for name, x in arrays.items()})
         for name, x in arrays.items():
-            object.__setattr__(self, name, check.owned(x))
+            object.__setattr__(self, name, floats.owned(x))
 
     @classmethod
     def from_urdf(
@@ -221,7 +221,7 @@ class PointContacts(OfOneDtype):
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over contacts."""
         arrays = {name: x for name, x in vars(self).items() if name != "frames" and x is not None}
-        return check.broadcast_shapes(*(_batch_shape(name, x) for name, x in arrays.items()))
+        return floats.broadcast_shapes(*(_batch_shape(name, x) for name, x in arrays.items()))
 
     @property
     def dtype(self) -> np.dtype[Any]:
@@ -239,7 +239,7 @@ def per_frame(kind: str, name: str, x, n: int, dtype: DTypeLike | None):
     what = f"{kind}: {name}"
     if x is None:
         raise TypeError(f"{what}: expected a number, ({n},) or (*batch, {n}), got None")
-    array = cast(Any, check.as_float_array(x, what, dtype, keep_dtype=True))
+    array = cast(Any, floats.as_float_array(x, what, dtype, keep_dtype=True))
     if array.shape[-1:] not in ((), (n,)):
         raise ValueError(f"{what}: expected a number, or shape (*batch, {n}), got {array.shape}")
     if isinstance(array, np.ndarray):

@@ -23,7 +23,7 @@ from jaxspatial.mechanism.shapes import (
     direction_or,
     local,
 )
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, where
@@ -131,7 +131,7 @@ def _distance_and_points(a, b, what: str) -> tuple[Callable[..., Any], Callable[
         if not isinstance(x, Shape):
             check.refuse(f"{what}: {name}", "a shape, such as js.Capsule", x)
     require_compatible(a=a, b=b)
-    a, b = check.narrowed((a, b))
+    a, b = floats.narrowed((a, b))
     kinds = f"{type(a).__name__} and {type(b).__name__}"
     is_turned = (
         isinstance(b, Sphere)
@@ -165,7 +165,7 @@ def _reversed(x: ClosestPoints) -> ClosestPoints:
 def _beside_sphere(a: Sphere, b: Shape, precision: PrecisionName) -> ClosestPoints:
     center = a.pose.p
     n, from_center = b.normals_and_distances(precision, jnp.asarray(center))
-    return ClosestPoints(*_around(precision, center, n, *map(check.expanded, (from_center, a.radius))))
+    return ClosestPoints(*_around(precision, center, n, *map(floats.expanded, (from_center, a.radius))))
 
 
 @formula
@@ -180,7 +180,7 @@ def _beside_half_space(a, b: HalfSpace, precision: PrecisionName) -> ClosestPoin
     shares = (_lowest_of_cylinder if isinstance(a, Cylinder) else _lowest)(precision, core.pose, n)
     lowest = _placed(precision, core.pose, core.half, shares)
     from_center = b.normals_and_distances(precision, lowest)[1]
-    return ClosestPoints(*_around(precision, lowest, n, check.expanded(from_center), core.radius))
+    return ClosestPoints(*_around(precision, lowest, n, floats.expanded(from_center), core.radius))
 
 
 @formula
@@ -240,7 +240,7 @@ class _Cores(NamedTuple):
             return cls(shape.pose, library.stack([radius, radius, half], -1), np.zeros(1, shape.dtype))
         library = np if isinstance(shape.length, np.ndarray) else jnp
         zero = library.zeros_like(shape.length)
-        return cls(shape.pose, library.stack([zero, zero, shape.length / 2], -1), check.expanded(shape.radius))
+        return cls(shape.pose, library.stack([zero, zero, shape.length / 2], -1), floats.expanded(shape.radius))
 
 
 class _Features(NamedTuple):
@@ -289,7 +289,7 @@ def _aligned(points: Callable[..., ClosestPoints], precision: PrecisionName) -> 
     """With the point of b that is behind that of a. Where two directions are as good, to rounding errors, it makes the
     difference."""
     x = points(precision)
-    return x._replace(point_b=_behind(precision, x.point_a, x.normal, check.expanded(x.distance)))
+    return x._replace(point_b=_behind(precision, x.point_a, x.normal, floats.expanded(x.distance)))
 
 
 @formula
@@ -346,7 +346,7 @@ def _of_two_lines(X_A: Pose, half_a: Vector, X_B: Pose, half_b: Vector) -> list[
         least, s, t = where(is_nearer, square, least), where(is_nearer, x, s), where(is_nearer, y, t)
     n, is_parallel = _across(a, b)
     n = Vector(*(where(is_parallel, x, y) for x, y in zip(X_A.R.T.x, n, strict=True)))
-    eps = float(check.finfo(h_a.dtype).eps)
+    eps = float(floats.finfo(h_a.dtype).eps)
     zero = constant(h_a, 0)
     touch = where(least <= (_ROUNDING * eps) ** 2, constant(h_a, 1), zero)
     return [Vector(zero, zero, _quotient(s, h_a)), Vector(zero, zero, _quotient(t, h_b)), n, (touch,)]
@@ -368,7 +368,7 @@ def _across(a: Vector, b: Vector) -> tuple[Vector, Any]:
     large = Vector(*(where(is_acute, x, y) for x, y in zip(u, v, strict=True)))
     small = Vector(*(where(is_acute, y, x) for x, y in zip(u, v, strict=True)))
     small = small - (dot(small, large) / dot(large, large)) * large
-    eps = float(check.finfo(a.x.dtype).eps)
+    eps = float(floats.finfo(a.x.dtype).eps)
     is_parallel = high(dot(small, small)) <= (_ROUNDING * eps) ** 2
     product = cross(large, small)
     return unit(Vector(*(where(is_parallel, float(i == 0), x) for i, x in enumerate(product)))), is_parallel
@@ -402,7 +402,7 @@ def _gap(p: Vector, R: Matrix, half_a: Vector, half_b: Vector, is_line: bool) ->
             widest, normal = gap, outward
             continue
         # Rounding errors do not choose an edge in place of a face.
-        is_wider = gap > widest + _ROUNDING * float(check.finfo(p.x.dtype).eps)
+        is_wider = gap > widest + _ROUNDING * float(floats.finfo(p.x.dtype).eps)
         is_wider = is_wider if is_none is None else is_wider & ~is_none
         widest = where(is_wider, gap, widest)
         normal = Vector(*(where(is_wider, x, y) for x, y in zip(outward, normal, strict=True)))
@@ -525,7 +525,7 @@ def _root(slope: Callable[[Any], Any], low, high):
             is_low = slope(middle) <= 0
             return jnp.where(is_low, middle, low), jnp.where(is_low, high, middle)
 
-        return lax.fori_loop(0, check.finfo(low.dtype).nmant + 3, halve, (low, high))[0]
+        return lax.fori_loop(0, floats.finfo(low.dtype).nmant + 3, halve, (low, high))[0]
 
     def inverse(rate: Callable[[Any], Any], y):
         by = rate(jnp.ones_like(y))
@@ -677,9 +677,9 @@ def _of_cylinder(precision: PrecisionName, a: _Cores, b: _Cores, *, is_line: boo
     normals, gaps = _gap_along(precision, normals, center, R_, own, other)
     # Rounding errors do not choose an edge in place of a face.
     is_face = np.arange(gaps.shape[-2]) < len(faces)
-    margin = is_face * dtype.type(_ROUNDING * float(check.finfo(dtype).eps))
+    margin = is_face * dtype.type(_ROUNDING * float(floats.finfo(dtype).eps))
     n, gap = _taken(jnp.argmax(gaps[..., 0] + jnp.broadcast_to(margin, gaps.shape[:-1]), -1), normals, gaps)
-    is_in = gap < _ROUNDING * float(check.finfo(dtype).eps)
+    is_in = gap < _ROUNDING * float(floats.finfo(dtype).eps)
     moved: Any = (p + jnp.where(is_in, 1 - gap, 0) * n)[..., None, :]
 
     centers = _placed(precision, Pose(R_, moved), own, middles)

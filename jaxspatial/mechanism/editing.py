@@ -15,7 +15,7 @@ from jaxspatial.mechanism.joints import JointKind, Parameter
 from jaxspatial.mechanism.mechanism import Mechanism
 from jaxspatial.mechanism.parts import PER_VELOCITY, WORLD, Body, Frame, Joint
 from jaxspatial.mechanism.tendons import Tendon
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.linear import unit
 from jaxspatial.numerics.numbers import Rounded, high
 from jaxspatial.numerics.numbers.rounded import in_double
@@ -255,8 +255,8 @@ def _on_body(mechanism: Mechanism, i: int, X_JF: RigidTransform):
 
 def _position(x, name: str, n: int):
     """The known coordinates of a joint that has n."""
-    q = check.as_float_array(x, name, np.dtype(np.float64), keep_dtype=True)
-    if not check.is_computed(q):
+    q = floats.as_float_array(x, name, np.dtype(np.float64), keep_dtype=True)
+    if not floats.is_computed(q):
         raise TypeError(f"{name}: expected known numbers, got {check.in_short(q)}")
     q = np.asarray(q, np.float64)
     if q.shape not in ((), (n,)):

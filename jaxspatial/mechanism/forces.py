@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 import jax
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 from jaxspatial.spatial import SpatialForce
@@ -79,21 +79,21 @@ class AppliedForces:
             expected = f"one for each of {len(frames)} frames, a batch of shape (*batch, {len(frames)})"
             raise ValueError(f"AppliedForces: wrenches: expected {expected}, got shape {batch}")
         if self.points is not None:
-            points = check.as_vectors(
+            points = floats.as_vectors(
                 self.points, "AppliedForces: points", self.wrenches.dtype, many=[str(len(frames))], keep_dtype=True
             )
             if points.shape[-2] != len(frames):
                 expected = f"(*batch, {len(frames)}, 3)"
                 raise ValueError(f"AppliedForces: points: expected shape {expected}, got {points.shape}")
             check.same_dtype(wrenches=self.wrenches, points=points)
-            check.common_batch_shape(wrenches=batch[:-1], points=points.shape[:-2])
-            object.__setattr__(self, "points", check.owned(points))
+            floats.common_batch_shape(wrenches=batch[:-1], points=points.shape[:-2])
+            object.__setattr__(self, "points", floats.owned(points))
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over frames."""
         batch = self.wrenches.batch_shape[:-1]
-        return batch if self.points is None else check.broadcast_shapes(batch, self.points.shape[:-2])
+        return batch if self.points is None else floats.broadcast_shapes(batch, self.points.shape[:-2])
 
     @property
     def dtype(self) -> np.dtype:

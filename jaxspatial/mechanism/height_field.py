@@ -10,7 +10,7 @@ import numpy as np
 from jax import lax
 
 from jaxspatial.mechanism.shapes import Shape, check_shape, clipped, local
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, where
@@ -113,8 +113,8 @@ class HeightField(Shape):
         if image.ndim != 2:
             expected = "HeightField.from_image: levels: expected an image of one channel, (rows, columns)"
             raise ValueError(f"{expected}, got {image.shape}")
-        dtype = check.floating_dtype(image, size, height, *jax.tree.leaves(placement))
-        dtype = check.as_dtype(None) if dtype is None else dtype
+        dtype = floats.floating_dtype(image, size, height, *jax.tree.leaves(placement))
+        dtype = floats.as_dtype(None) if dtype is None else dtype
         if image.dtype.kind == "u":
             image = image.astype(dtype) / np.asarray(np.iinfo(image.dtype).max, dtype)
         elif image.dtype.kind == "i":
@@ -122,8 +122,8 @@ class HeightField(Shape):
                 f"HeightField.from_image: levels: expected whole numbers without a sign, or floating point, got "
                 f"{image.dtype}; convert with .astype('uint8')"
             )
-        image = check.as_float_array(image, "HeightField.from_image: levels", dtype, keep_dtype=True)
-        height = check.as_float_array(height, "HeightField.from_image: height", dtype, keep_dtype=True)
+        image = floats.as_float_array(image, "HeightField.from_image: levels", dtype, keep_dtype=True)
+        height = floats.as_float_array(height, "HeightField.from_image: height", dtype, keep_dtype=True)
         return cls(height * image[::-1].T, size, placement)
 
     @classmethod
@@ -170,7 +170,7 @@ class HeightField(Shape):
         from jaxspatial.mechanism.formats import mjcf
 
         heights, size, placement = mjcf.read_height_field(path_or_text, geom, assets)
-        return cls(heights, size, placement).astype(check.as_dtype(dtype))
+        return cls(heights, size, placement).astype(floats.as_dtype(dtype))
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
         dtype = np.dtype(p.dtype)

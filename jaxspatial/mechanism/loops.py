@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 
@@ -64,8 +64,8 @@ class LoopClosure:
         expected = "LoopClosure: distance: expected a number above 0"
         if self.distance is None:
             raise ValueError(f"{expected}, got None")
-        distance = check.owned(
-            check.as_float_array(self.distance, "LoopClosure: distance", np.float64, keep_dtype=True)
+        distance = floats.owned(
+            floats.as_float_array(self.distance, "LoopClosure: distance", np.float64, keep_dtype=True)
         )
         if isinstance(distance, np.ndarray) and not (distance > 0).all():
             raise ValueError(f"{expected}, got {distance.tolist()}")

@@ -21,7 +21,7 @@ from jaxspatial.mechanism.loops import LoopClosure, checked_loops
 from jaxspatial.mechanism.parts import PER_VELOCITY, WORLD, Body, Frame, Joint, known
 from jaxspatial.mechanism.tendons import Tendon, checked_tendons, leaf_shapes
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import as_tuples, tree_of
 from jaxspatial.numerics.types import ArrayLike, DTypeLike
 from jaxspatial.spatial import RigidTransform
@@ -155,10 +155,10 @@ class Mechanism:
             check.as_tuple(frames, Frame, "Mechanism.build: frames", "Frame objects"),
         )
         gravity = known(gravity, "Mechanism.build: gravity")
-        arrays["gravity"] = check.as_vectors(gravity, "Mechanism.build: gravity", keep_dtype=True)
+        arrays["gravity"] = floats.as_vectors(gravity, "Mechanism.build: gravity", keep_dtype=True)
         if not np.isfinite(gravity).all():
             raise ValueError(f"Mechanism.build: gravity: expected finite numbers, got {gravity.tolist()}")
-        require_in_range(topology, arrays, check.as_dtype(dtype))
+        require_in_range(topology, arrays, floats.as_dtype(dtype))
         arrays["loops"] = jax.tree.map(known, checked_loops(loops, topology, "Mechanism.build: loops"))
         arrays["tendons"] = jax.tree.map(known, checked_tendons(tendons, topology, "Mechanism.build: tendons"))
         return cls(topology=topology, **arrays).astype(dtype)
@@ -480,7 +480,7 @@ class Mechanism:
             >>> arm.astype(np.float64).dtype
             dtype('float64')
         """
-        dtype = check.as_dtype(dtype)
+        dtype = floats.as_dtype(dtype)
         return _read_only(jax.tree.map(operator.methodcaller("astype", dtype), self._as_tree()))
 
     def as_data(self) -> "Mechanism":
@@ -491,7 +491,7 @@ class Mechanism:
             >>> print(held(arm.as_data()))  # one program for all masses and lengths
             [17.0086  2.8991]
         """
-        return jax.tree.map(jax.numpy.asarray, check.narrowed(self._as_tree()))
+        return jax.tree.map(jax.numpy.asarray, floats.narrowed(self._as_tree()))
 
     def _as_known(self) -> "Mechanism":
         """Makes all numbers NumPy, known while tracing: the way back from `as_data` and `as_static`.
@@ -594,7 +594,7 @@ def _replacement(name: str, old, new):
     def checked(a, b):
         if np.shape(a) != np.shape(b):
             raise ValueError(f"Mechanism.replace: {_unexpected_shape(name, np.shape(a), np.shape(b))}")
-        array = check.as_float_array(b, f"Mechanism.replace: {name}", check.floating_dtype(a), keep_dtype=True)
+        array = floats.as_float_array(b, f"Mechanism.replace: {name}", floats.floating_dtype(a), keep_dtype=True)
         return array if isinstance(b, np.ndarray) else b
 
     return jax.tree.map(checked, old, new)

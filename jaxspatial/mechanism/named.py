@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import require_compatible
 from jaxspatial.numerics.types import DTypeLike
 from jaxspatial.rotation import Rotation
@@ -44,7 +44,7 @@ def of_all_joints(t: Topology, which: NumbersByJoint, values: Mapping[str, Any],
             leader = t.joint_names[t.followed[i]]
             raise ValueError(f"{which.what}: {name!r} is a mimic: give {leader!r}, which it follows")
         arrays[i] = x
-    like = check.floating_dtype(*(leaf for x in arrays.values() for leaf in _leaves(x)))
+    like = floats.floating_dtype(*(leaf for x in arrays.values() for leaf in _leaves(x)))
     dtype = np.dtype(dtype if like is None else like)
     given = {i: _numbers(t, which, i, x, f"{which.what}[{t.joint_names[i]!r}]", dtype) for i, x in arrays.items()}
     own = list[Any]()
@@ -54,12 +54,12 @@ def of_all_joints(t: Topology, which: NumbersByJoint, values: Mapping[str, Any],
     short = {t.joint_names[i]: x for i, x in given.items()} or {"": own[0]}
     batch = require_compatible(**short)
     concatenate = np.concatenate if all(isinstance(x, np.ndarray) for x in own) else jnp.concatenate
-    return concatenate(check.broadcast_batch(batch, *own), -1)
+    return concatenate(floats.broadcast_batch(batch, *own), -1)
 
 
 def by_joint(t: Topology, which: NumbersByJoint, x, what: str) -> dict[str, Any]:
     """{name of a joint: its numbers}, as `of_all_joints` takes them."""
-    x = check.as_vectors(x, what, size=getattr(t, which.starts)[-1])
+    x = floats.as_vectors(x, what, size=getattr(t, which.starts)[-1])
     parts = dict[str, Any]()
     for i in (i for i in range(len(t)) if not t.is_mimic(i)):
         n, start = getattr(t.kind(i), which.size), getattr(t, which.starts)[i]
@@ -81,10 +81,10 @@ def _numbers(t: Topology, which: NumbersByJoint, i: int, x, name: str, dtype: np
         if not isinstance(x, which.types.get(kind, ())):
             check.refuse(name, f"{_described(which, kind, n)} for a {kind!r} joint", x)
         if isinstance(x, RigidTransform):
-            both = check.broadcast_batch(x.batch_shape, x.rotation.to_quaternion(), x.translation)
+            both = floats.broadcast_batch(x.batch_shape, x.rotation.to_quaternion(), x.translation)
             return jnp.concatenate(both, -1)
         return x.to_array() if isinstance(x, SpatialVelocity) else x.to_quaternion()
-    array = check.as_float_array(x, name, dtype)
+    array = floats.as_float_array(x, name, dtype)
     if n == 1:
         return array[..., None]
     if array.shape[-1:] != (n,):

@@ -11,7 +11,7 @@ from jax.core import Tracer
 
 from jaxspatial.inertia import SpatialInertia
 from jaxspatial.mechanism.joints import KINDS, Parameter
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.spatial import RigidTransform
 
 WORLD = "world"
@@ -174,7 +174,7 @@ def known(x, name: str = "Mechanism.build") -> np.ndarray:
             "Mechanism.build: expected known numbers (NumPy), got data that is traced; build with known ones, and put "
             "data in their place with Mechanism.replace (results within jax.ensure_compile_time_eval() are known)"
         )
-    return np.asarray(check.as_float_array(x, name, np.dtype(np.float64), keep_dtype=True), np.float64)
+    return np.asarray(floats.as_float_array(x, name, np.dtype(np.float64), keep_dtype=True), np.float64)
 
 
 def numbers(joint: Joint, name: str, size: str) -> np.ndarray:

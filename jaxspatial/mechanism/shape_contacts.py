@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxspatial.mechanism.contacts import LAW, per_frame
 from jaxspatial.mechanism.shapes import Shape
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import OfOneDtype, exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 
@@ -81,13 +81,13 @@ class ShapeContacts(OfOneDtype):
         arrays = {k: per_frame("ShapeContacts", k, x, n, dtype) for k, x in given.items()}
         check.require_same_dtype(shape=self.shape, **arrays)
         for name, x in arrays.items():
-            object.__setattr__(self, name, check.owned(x))
+            object.__setattr__(self, name, floats.owned(x))
 
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape, without the axis over frames."""
         shapes = (self.shape.batch_shape, *(getattr(self, k).shape for k in LAW))
-        return check.broadcast_shapes(*(s[:-1] for s in shapes))
+        return floats.broadcast_shapes(*(s[:-1] for s in shapes))
 
     @property
     def dtype(self) -> np.dtype:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Pose, Vector, dot, norm, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, times_power_of_two, where
@@ -202,7 +202,7 @@ class Shape(OfOneDtype):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape."""
-        return check.broadcast_shapes(*_batch_shapes(self).values())
+        return floats.broadcast_shapes(*_batch_shapes(self).values())
 
     @property
     def dtype(self) -> np.dtype:
@@ -226,9 +226,9 @@ class Shape(OfOneDtype):
 
     def _checked(self, point: ArrayLike) -> tuple[jax.Array, jax.Array]:
         what = type(self).__name__
-        p = check.as_vectors(point, f"{what}: point", self.dtype)
+        p = floats.as_vectors(point, f"{what}: point", self.dtype)
         require_compatible(**{what: self, "point": p})
-        return check.narrowed(self).normals_and_distances(None, p)
+        return floats.narrowed(self).normals_and_distances(None, p)
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
         """The normals (*batch, 3) of the surface, and the signed distances (*batch,), of points (*batch, 3).
@@ -240,7 +240,7 @@ class Shape(OfOneDtype):
             [[1. 0. 0.]
              [0. 0. 1.]] [ 1.5  -0.25]
         """
-        numbers = (check.expanded(getattr(self, k)) if n == 0 else getattr(self, k) for k, n in self._axes.items())
+        numbers = (floats.expanded(getattr(self, k)) if n == 0 else getattr(self, k) for k, n in self._axes.items())
         return tuple(type(self)._formula(precision, p, self.pose, *numbers))
 
     @property
@@ -296,26 +296,26 @@ def check_shape(shape, least: dict[str, float] | None = None) -> None:
     if all(x is None or (check.is_tree_mark(x) and (any(shape._axes.values()) or not isinstance(x, int)))
            for x in given.values()):  # fmt: skip
         return
-    dtype = check.floating_dtype(*given.values(), *jax.tree.leaves(placement))
+    dtype = floats.floating_dtype(*given.values(), *jax.tree.leaves(placement))
     arrays = {}
     for name, x in given.items():
         if x is None:
             raise TypeError(f"{what}: {name}: expected numbers, got None")
         if shape._axes[name] == 1:
-            array = check.as_vectors(x, f"{what}: {name}", dtype, shape._lengths.get(name, 3), keep_dtype=True)
+            array = floats.as_vectors(x, f"{what}: {name}", dtype, shape._lengths.get(name, 3), keep_dtype=True)
         else:
-            array = check.as_float_array(x, f"{what}: {name}", dtype, keep_dtype=True)
+            array = floats.as_float_array(x, f"{what}: {name}", dtype, keep_dtype=True)
         lowest = (least or {}).get(name, 0)
         # NaN passes, and gives NaN.
         if isinstance(array, np.ndarray) and (array < lowest).any():
             raise ValueError(f"{what}: {name}: expected numbers of at least {lowest:g}, got {x}")
-        arrays[name] = check.owned(array)
+        arrays[name] = floats.owned(array)
     if placement is not None:
         check.require_kind(placement, RigidTransform, f"{what}: placement")
     check.require_same_dtype(**arrays, **({} if placement is None else {"placement": placement}))
     for name, x in arrays.items():
         object.__setattr__(shape, name, x)
-    check.common_batch_shape(**_batch_shapes(shape))
+    floats.common_batch_shape(**_batch_shapes(shape))
 
 
 @tree
@@ -500,20 +500,20 @@ class HalfSpace(Shape):
         """Checks what a caller passes; the placeholders in trees of axes or specs pass unchecked."""
         if all(map(check.is_tree_mark, (self.normal, self.offset))):
             return
-        dtype = check.floating_dtype(self.normal, self.offset)
-        normal = check.as_vectors(self.normal, "HalfSpace: normal", dtype, keep_dtype=True)
-        offset = check.as_float_array(self.offset, "HalfSpace: offset", dtype, keep_dtype=True)
+        dtype = floats.floating_dtype(self.normal, self.offset)
+        normal = floats.as_vectors(self.normal, "HalfSpace: normal", dtype, keep_dtype=True)
+        offset = floats.as_float_array(self.offset, "HalfSpace: offset", dtype, keep_dtype=True)
         check.require_same_dtype(normal=normal, offset=offset)
-        check.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
+        floats.common_batch_shape(normal=normal.shape[:-1], offset=offset.shape)
         if isinstance(normal, np.ndarray) and not normal.any(-1).all():
             raise ValueError(f"HalfSpace: normal: expected a vector of a length above 0, got {self.normal}")
-        object.__setattr__(self, "normal", check.owned(normal))
-        object.__setattr__(self, "offset", check.owned(offset))
+        object.__setattr__(self, "normal", floats.owned(normal))
+        object.__setattr__(self, "offset", floats.owned(offset))
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
         # In a formula of its own: of a quotient with one divisor for a whole batch compilers make a product.
         normals = units(precision, self.normal)
-        distances = _distance(precision, normals, p, check.expanded(self.offset))
+        distances = _distance(precision, normals, p, floats.expanded(self.offset))
         return jnp.broadcast_to(normals, (*distances.shape, 3)), distances
 
     def __repr__(self) -> str:
@@ -564,7 +564,7 @@ class Stairs(Shape):
         check_shape(self)
 
     def normals_and_distances(self, precision: PrecisionName, p: jax.Array) -> tuple[jax.Array, jax.Array]:
-        lengths = check.expanded(self.run), check.expanded(self.rise)
+        lengths = floats.expanded(self.run), floats.expanded(self.rise)
         return tuple(_stairs(precision, p, self.pose, *lengths, steps=self.steps))
 
     def __repr__(self) -> str:
@@ -615,7 +615,7 @@ class Union(Shape):
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape."""
-        return check.broadcast_shapes(*(x.batch_shape for x in self.shapes))
+        return floats.broadcast_shapes(*(x.batch_shape for x in self.shapes))
 
     @property
     def dtype(self) -> np.dtype:
@@ -690,7 +690,7 @@ class SignedDistance(Shape):
         if all(map(check.is_tree_mark, jax.tree.leaves(self.placement))) and self.placement is not None:
             return
         if self.placement is None:
-            dtype = check.as_dtype(None)
+            dtype = floats.as_dtype(None)
             identity = RigidTransform(Rotation(np.eye(3, dtype=dtype).ravel()), np.zeros(3, dtype))
             object.__setattr__(self, "placement", identity)
         check.require_kind(self.placement, RigidTransform, "SignedDistance: placement")

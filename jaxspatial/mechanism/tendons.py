@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jaxspatial.mechanism.topology import Topology
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.quantity import exported_tree_of
 from jaxspatial.numerics.types import ArrayLike
 
@@ -79,7 +79,7 @@ class Tendon:
             x = getattr(self, field)
             if check.is_tree_mark(x):
                 continue
-            array = check.owned(check.as_float_array(x, f"Tendon: {field}", np.float64, keep_dtype=True))
+            array = floats.owned(floats.as_float_array(x, f"Tendon: {field}", np.float64, keep_dtype=True))
             array = np.repeat(array, 2) if field == "rest" and array.ndim == 0 else array
             if array.shape != size:
                 raise ValueError(f"Tendon {self.name!r}: {field}: expected shape {size}, got {array.shape}")

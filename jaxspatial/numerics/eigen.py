@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.functions import unit_roundoff
 from jaxspatial.numerics.linear import PLACES, WHICH_OF_SIX, Matrix, Symmetric, Vector, scaled
@@ -62,7 +62,7 @@ def decomposition(precision: Precision, six: jax.Array) -> tuple[jax.Array, jax.
     with W_ij = eps_ij / (l_j - l_i), 0 where l_i = l_j: there eigenvectors have no derivative, and this is one of the
     rotations that leave them eigenvectors. Accurate as in "reproducible", whatever the precision.
     """
-    return tuple(_decomposed(precision, six, eps=check.eps(six.dtype)))
+    return tuple(_decomposed(precision, six, eps=floats.eps(six.dtype)))
 
 
 @decomposition.defjvp
@@ -123,7 +123,7 @@ def _jacobi(six: Symmetric) -> tuple[Sequence[Number], Matrix]:
     """(the diagonal, the rotation), in a loop over sweeps: fused into one another, rotations would be computed again
     for every component of the result."""
     start = [*six, *_identity(six.xx).entries]
-    shape = check.broadcast_shapes(*map(shape_of, start))
+    shape = floats.broadcast_shapes(*map(shape_of, start))
     sweeps = _SWEEPS_OF_DOUBLE_WORDS if isinstance(six.xx, DoubleWord) else _SWEEPS[six.xx.dtype]
 
     def sweep(numbers: Sequence[Number]) -> Sequence[Number]:

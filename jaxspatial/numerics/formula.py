@@ -14,7 +14,7 @@ import numpy as np
 from jax import lax
 from jax.core import Tracer
 
-from jaxspatial.numerics import check, linear
+from jaxspatial.numerics import floats, linear
 from jaxspatial.numerics.errorfree.barrier import barrier
 from jaxspatial.numerics.linear import Articulated, Inertia, Matrix, Motion, Pose, Summed, Wrench
 from jaxspatial.numerics.numbers import Corrected, Number, Rounded, components, high, is_number
@@ -96,7 +96,7 @@ def formula(
             groups.append(type(x) if isinstance(x, _GROUPS) else None)
             arrays.extend(x) if groups[-1] else arrays.append(x)
         arrays = [x[..., None] for x in arrays] if by_number else arrays
-        arrays = check.narrowed_each(arrays)
+        arrays = floats.narrowed_each(arrays)
         if Components in map(type, arrays) and not components.all_are_zero(arrays):
             # Beside Components, NumPy arrays are known where they are 0, 1 or -1.
             arrays = [components.as_components(a) if isinstance(a, np.ndarray) else a for a in arrays]
@@ -153,7 +153,7 @@ def _run_with_zeros(run: Callable, function: Callable, precision: Precision, gro
 def _run(function: Callable, precision: Precision, arrays: Sequence):
     is_pair = any(map(components.has_pairs, arrays))
     twice = is_pair or precision.sees_whole_sums
-    with jax.enable_x64(bool(check.config.jax_enable_x64) or twice):
+    with jax.enable_x64(bool(floats.config.jax_enable_x64) or twice):
         numbers = functools.partial(of_array, precision=precision, twice=twice)
         return _run_over(numbers, function, arrays, is_pair=is_pair)
 
@@ -166,9 +166,9 @@ def _run_over(
     is_pair: bool = False,
 ):
     """Broadcasts the arrays, converts each to a vector by `numbers`, calls the function, and rounds its results."""
-    batch = check.broadcast_shapes(*[a.shape[:-1] for a in arrays])
+    batch = floats.broadcast_shapes(*[a.shape[:-1] for a in arrays])
     are_components = Components in map(type, arrays)
-    vectors = list(map(numbers, check.broadcast_batch(batch, *arrays)))
+    vectors = list(map(numbers, floats.broadcast_batch(batch, *arrays)))
     result = function([v.numbers if isinstance(v, ArrayVector) and v.size == 9 else v for v in vectors])
     results = _Results(batch, np.dtype(arrays[0].dtype), is_pair, are_components)
     if not isinstance(result, list):
@@ -331,7 +331,7 @@ def _components(array, precision: Precision, twice: bool, dtype: np.dtype) -> tu
     if twice and dtype == np.float64:
         array = array if array.dtype == dtype else array.astype(dtype)
         return tuple(to_double_word(array[..., i]) for i in range(array.shape[-1]))
-    wide = np.dtype(np.float64 if twice else np.float32 if check.finfo(dtype).bits < 32 else dtype)
+    wide = np.dtype(np.float64 if twice else np.float32 if floats.finfo(dtype).bits < 32 else dtype)
     precision = Precision.REPRODUCIBLE if twice else precision
     if isinstance(array, DoubleWord):
         parts = zip(*(unstack(limb) for limb in (array.hi, array.lo)), strict=True)
@@ -379,7 +379,7 @@ class _Results(NamedTuple):
             return jax.tree.map(lambda *limbs: stack(limbs, self.batch), *parts)
         number = self._number(x)
         is_whole = not self.batch or not is_known(number)
-        return number if is_whole else check.numpy_for(self.batch).broadcast_to(number, self.batch)
+        return number if is_whole else floats.numpy_for(self.batch).broadcast_to(number, self.batch)
 
     def _number(self, x):
         if not is_number(x):
@@ -398,7 +398,7 @@ class _Results(NamedTuple):
         """The sum of a vector, (*batch, n, k) as an array, over n. Known zeros stay known; other sums are data."""
         if not self.are_components:
             x = self.rounded(vector)
-            if isinstance(x, check.NUMPY) and not x.any():
+            if isinstance(x, floats.NUMPY) and not x.any():
                 return np.zeros((*x.shape[:-2], x.shape[-1]), x.dtype)
             return jnp.moveaxis(pairwise_sum(jnp.moveaxis(barrier(x), -1, 0)), 0, -1)
         parts = ((c, is_known(c, 0)) for c in (x.operand for x in vector))
@@ -411,8 +411,8 @@ def converted(x, dtype):
     XLA may drop a conversion to 16 bits and back (`xla_allow_excess_precision`), unless something stands between: for
     bfloat16 a `reduce_precision`; for float16 a barrier, as `reduce_precision` flushes its subnormals.
     """
-    if isinstance(x, (check.NUMPY, np.generic)) or x.dtype == dtype or check.finfo(dtype).bits >= 32:
-        return x.astype(dtype) if isinstance(x, (check.NUMPY, np.generic)) else lax.convert_element_type(x, dtype)
+    if isinstance(x, (floats.NUMPY, np.generic)) or x.dtype == dtype or floats.finfo(dtype).bits >= 32:
+        return x.astype(dtype) if isinstance(x, (floats.NUMPY, np.generic)) else lax.convert_element_type(x, dtype)
     if dtype == jnp.bfloat16:
         return lax.convert_element_type(lax.reduce_precision(x, exponent_bits=8, mantissa_bits=7), dtype)
     return barrier(lax.convert_element_type(x, dtype))

@@ -18,7 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.numerics.check import finfo
+from jaxspatial.numerics.floats import finfo
 from jaxspatial.numerics.linear import scaled
 from jaxspatial.numerics.numbers import Corrected, Number, Rounded, constant, high, is_constant, is_number, where
 from jaxspatial.numerics.numbers.double_word import DoubleWord

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree import scaling
 from jaxspatial.numerics.numbers import Number, Rounded, is_constant
 from jaxspatial.numerics.numbers.double_word import DoubleWord
@@ -34,7 +34,7 @@ def entrywise(operation: Callable[..., Number], *lists: Sequence) -> list:
     if DoubleWord not in map(type, itertools.chain(*lists)) or len(lists[0]) == 1:
         return list(map(operation, *lists))
     pairs = [x for x in itertools.chain(*lists) if isinstance(x, DoubleWord)]
-    shape = check.broadcast_shapes(*(x.shape for x in pairs))
+    shape = floats.broadcast_shapes(*(x.shape for x in pairs))
     both = [[x if isinstance(x, DoubleWord) else constant(pairs[0], x) for x in numbers] for numbers in lists]
     stacked = (jax.tree.map(lambda *y: jnp.stack([jnp.broadcast_to(z, shape) for z in y]), *x) for x in both)
     result: Any = noinline_pairs(operation)(*stacked)
@@ -289,7 +289,7 @@ def square(v: Sequence[Number]) -> tuple[Number, Number | None]:
     """
     if not isinstance(v[0], Rounded):
         return dot(v, v), None
-    bits = check.finfo(v[0].dtype).nmant + 1
+    bits = floats.finfo(v[0].dtype).nmant + 1
     shift = constant(v[0], 1.5 * 2 ** (bits - 1 - (bits - 12) // 2))
     grid = tuple((x + shift) - shift for x in v)
     coarse = dot(grid, grid)

@@ -13,7 +13,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.numbers.components import as_array
 from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
 from jaxspatial.numerics.types import BatchShape, DTypeLike
@@ -115,7 +115,7 @@ class OfOneDtype:
             >>> print(ball.dtype, ball.astype(np.float32).dtype)
             float64 float32
         """
-        return jax.tree.map(lambda x: x.astype(check.as_dtype(dtype)), self)
+        return jax.tree.map(lambda x: x.astype(floats.as_dtype(dtype)), self)
 
 
 class Quantity:
@@ -143,7 +143,7 @@ class Quantity:
     @property
     def batch_shape(self) -> tuple[int, ...]:
         """The batch shape."""
-        return check.batch_shape(*self._vectors)
+        return floats.batch_shape(*self._vectors)
 
     @property
     def dtype(self) -> np.dtype:
@@ -179,9 +179,9 @@ class Quantity:
             >>> print(F.dtype, F.astype("float32").dtype)
             float64 float32
         """
-        converted = operator.methodcaller("astype", check.as_dtype(dtype))
+        converted = operator.methodcaller("astype", floats.as_dtype(dtype))
         with np.errstate(all="ignore"):
-            return jax.tree.map(converted, self, is_leaf=lambda x: isinstance(x, check.StandIn))
+            return jax.tree.map(converted, self, is_leaf=lambda x: isinstance(x, floats.StandIn))
 
     def at_batch(self, index: typing.Any) -> typing.Self:
         """The items at an index of the batch, as NumPy has it.
@@ -205,11 +205,11 @@ class Quantity:
         index = index if isinstance(index, tuple) else (index,)
         index = [np.asarray(i, None if i else np.int32) if isinstance(i, list) else i for i in index]
         # Integers of 32 bits: those of 64, first used while 64-bit types are off, fail for good once they are on.
-        is_wide = [isinstance(i, check.NUMPY) and i.dtype.kind in "iu" for i in index]
+        is_wide = [isinstance(i, floats.NUMPY) and i.dtype.kind in "iu" for i in index]
         index = tuple(i.astype(np.int32) if wide else i for i, wide in zip(index, is_wide, strict=True))
         _require_in_range(self, index)
         # Of what consists of known numbers alone there is one for any batch.
-        items = (x if check.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self._vectors)
+        items = (x if floats.goes_with_any_batch(x) else x[(*index, slice(None))] for x in self._vectors)
         return self._with_vectors(items)
 
     def __array__(self, dtype: DTypeLike | None = None, copy: bool | None = None) -> typing.NoReturn:
@@ -220,14 +220,14 @@ class Quantity:
         """Where all components are equal: a mask (*batch,)."""
         if type(other) is not type(self):
             # Numbers and arrays are no quantities, and unequal quantities of two kinds have no answer: say so.
-            if isinstance(other, (Quantity, int, float, complex, *check.ARRAYS)):
+            if isinstance(other, (Quantity, int, float, complex, *floats.ARRAYS)):
                 kinds = f"{type(self).__name__} and {type(other).__name__}"
                 message = f"==: expected two of one kind, got {kinds}; numbers are in x.to_array() or x.to_matrix()"
                 raise TypeError(message)
             return NotImplemented
         # What is no array is a tree that describes trees, see `check.is_tree_mark`.
         leaves = (jax.tree.leaves(x, is_leaf=lambda leaf: leaf is None) for x in (self, other))
-        numeric = [all(isinstance(leaf, check.ARRAYS) for leaf in own) for own in leaves]
+        numeric = [all(isinstance(leaf, floats.ARRAYS) for leaf in own) for own in leaves]
         if not all(numeric):
             fields = ([getattr(x, name) for name in self.__match_args__] for x in (self, other))
             return not any(numeric) and operator.eq(*fields)
@@ -302,8 +302,8 @@ class Additive(Quantity):
 
     @classmethod
     def _filled(cls, value: float, batch_shape: BatchShape, dtype: DTypeLike | None) -> typing.Self:
-        batch, dtype = check.as_batch_shape(batch_shape), check.as_dtype(dtype)
-        arrays = [check.numpy_for(batch).full((*batch, *item), value, dtype) for item in cls._items]
+        batch, dtype = check.as_batch_shape(batch_shape), floats.as_dtype(dtype)
+        arrays = [floats.numpy_for(batch).full((*batch, *item), value, dtype) for item in cls._items]
         return cls(*arrays)
 
 
@@ -314,7 +314,7 @@ def require_compatible(**arguments) -> tuple[int, ...]:
     shapes = dict[str, tuple[int, ...]]()
     for name, x in arguments.items():
         shapes[name] = x.batch_shape if isinstance(x, (Quantity, OfOneDtype)) else x.shape[:-1]
-    return check.common_batch_shape(**shapes)
+    return floats.common_batch_shape(**shapes)
 
 
 def matched(a: _Kind, b: _Kind, operation: str) -> tuple[_Kind, _Kind]:
@@ -322,8 +322,8 @@ def matched(a: _Kind, b: _Kind, operation: str) -> tuple[_Kind, _Kind]:
     if type(a) is not type(b):
         raise TypeError(f"{operation}: expected two of one kind, got {type(a).__name__} and {type(b).__name__}")
     a, b = check.same_dtype(left=a, right=b).values()
-    batch = check.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
-    over = functools.partial(check.broadcast_batch, batch)
+    batch = floats.common_batch_shape(left=a.batch_shape, right=b.batch_shape)
+    over = functools.partial(floats.broadcast_batch, batch)
     return a._with_vectors(over(*a._vectors)), b._with_vectors(over(*b._vectors))
 
 
@@ -357,7 +357,7 @@ def stack(quantities: Iterable[_Kind], axis: int = 0) -> _Kind:
     _require_alike(arguments)
     items = list(check.same_dtype(**arguments).values())
     batch = items[0].batch_shape
-    place = check.batch_axis(axis, (*batch, len(items)), "stack")
+    place = floats.batch_axis(axis, (*batch, len(items)), "stack")
     columns = zip(*(x._vectors for x in items), strict=True)
     return items[0]._with_vectors([_stack_of_vectors(vectors, batch, place) for vectors in columns])
 
@@ -405,7 +405,7 @@ def _require_in_range(x, index: tuple) -> None:
         return
     try:
         # An axis whose size is a symbol of `jax.export` may be long.
-        sizes = [n if check.is_sized((n,)) else 2**20 for n in x.batch_shape]
+        sizes = [n if floats.is_sized((n,)) else 2**20 for n in x.batch_shape]
         np.broadcast_to(np.False_, sizes)[index]
     except IndexError as error:
         kind = type(x).__name__

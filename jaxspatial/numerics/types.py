@@ -8,7 +8,7 @@ from typing import Any
 import jax.typing
 from jax.typing import DTypeLike as DTypeLike
 
-from jaxspatial.numerics.check import StandIn
+from jaxspatial.numerics.floats import StandIn
 from jaxspatial.numerics.precision import Precision
 
 

@@ -10,8 +10,8 @@ import jax
 import numpy as np
 from jax.core import Tracer
 
-from jaxspatial.numerics import check
-from jaxspatial.numerics.check import expanded, matrices
+from jaxspatial.numerics import check, floats
+from jaxspatial.numerics.floats import expanded, matrices
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, unit
 from jaxspatial.numerics.numbers import Numbers
@@ -104,8 +104,8 @@ class Rotation(Quantity):
     def __post_init__(self) -> None:
         """Checks what a caller passes; marks of a tree of axes or specs pass."""
         if not check.is_tree_mark(self.entries):
-            entries = check.as_vectors(self.entries, "Rotation: entries", size=9, keep_dtype=True, otherwise=_MAKERS)
-            object.__setattr__(self, "entries", check.owned(entries))
+            entries = floats.as_vectors(self.entries, "Rotation: entries", size=9, keep_dtype=True, otherwise=_MAKERS)
+            object.__setattr__(self, "entries", floats.owned(entries))
 
     def __repr__(self) -> str:
         return f"Rotation({check.shown(self.entries, 3)})"
@@ -134,8 +134,8 @@ class Rotation(Quantity):
             [1. 2. 3.]
         """
         shape = check.as_batch_shape(batch_shape)
-        entries = np.eye(3, dtype=check.as_dtype(dtype)).ravel()
-        return cls(check.numpy_for(shape).broadcast_to(entries, (*shape, 9)))
+        entries = np.eye(3, dtype=floats.as_dtype(dtype)).ravel()
+        return cls(floats.numpy_for(shape).broadcast_to(entries, (*shape, 9)))
 
     @classmethod
     def from_matrix(cls, m: ArrayLike) -> Self:
@@ -160,7 +160,7 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 0.0])
             [-2.  1.  0.]
         """
-        entries = check.as_matrices(m, "Rotation.from_matrix: m")
+        entries = floats.as_matrices(m, "Rotation.from_matrix: m")
         _require_rotations(entries, "Rotation.from_matrix: m")
         return cls(entries)
 
@@ -189,7 +189,7 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 3.0])
             [-2.  1.  3.]
         """
-        return cls(_nearest(precision, check.as_matrices(m, "Rotation.nearest: m")))
+        return cls(_nearest(precision, floats.as_matrices(m, "Rotation.nearest: m")))
 
     @classmethod
     @promises(bound=FROM_QUATERNION)
@@ -214,7 +214,7 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 3.0])
             [-2.  1.  3.]
         """
-        q = check.as_vectors(wxyz, "Rotation.from_quaternion: wxyz", size=4)
+        q = floats.as_vectors(wxyz, "Rotation.from_quaternion: wxyz", size=4)
         return cls(_from_quaternion(precision, q))
 
     @classmethod
@@ -241,7 +241,7 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 3.0])
             [-2.  1.  3.]
         """
-        return cls(_exp(precision, check.as_vectors(w, "Rotation.exp: w")))
+        return cls(_exp(precision, floats.as_vectors(w, "Rotation.exp: w")))
 
     @classmethod
     @promises(sine=SINE)
@@ -291,7 +291,7 @@ class Rotation(Quantity):
 
     @classmethod
     def _about_coordinate_axis(cls, axis: int, angle: ArrayLike, precision: PrecisionName) -> Self:
-        angle = check.as_float_array(angle, f"Rotation.about_{'xyz'[axis]}: angle")
+        angle = floats.as_float_array(angle, f"Rotation.about_{'xyz'[axis]}: angle")
         return cls(_about(precision, expanded(angle), axis=axis))
 
     @classmethod
@@ -318,8 +318,8 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 3.0])
             [-2.  1.  3.]
         """
-        axis = check.as_vectors(axis, "Rotation.from_axis_angle: axis")
-        angle = expanded(check.as_float_array(angle, "Rotation.from_axis_angle: angle", axis.dtype))
+        axis = floats.as_vectors(axis, "Rotation.from_axis_angle: axis")
+        angle = expanded(floats.as_float_array(angle, "Rotation.from_axis_angle: angle", axis.dtype))
         require_compatible(axis=axis, angle=angle)
         return cls(_from_axis_angle(precision, axis, angle))
 
@@ -346,7 +346,7 @@ class Rotation(Quantity):
             >>> print(R_AB.to_roll_pitch_yaw())
             [0.1 0.2 0.3]
         """
-        rpy = check.as_vectors(rpy, "Rotation.from_roll_pitch_yaw: rpy")
+        rpy = floats.as_vectors(rpy, "Rotation.from_roll_pitch_yaw: rpy")
         return cls(_from_roll_pitch_yaw(precision, rpy))
 
     # As URDF and other libraries name it.
@@ -379,7 +379,7 @@ class Rotation(Quantity):
             >>> print(R_AB @ [0.0, 0.0, 1.0])
             [0.6 0.  0.8]
         """
-        u = check.as_vectors(u, "Rotation.from_one_vector: u")
+        u = floats.as_vectors(u, "Rotation.from_one_vector: u")
         return cls(_from_one_vector(precision, u, axis=_axis(axis, "Rotation.from_one_vector")))
 
     @classmethod
@@ -410,8 +410,8 @@ class Rotation(Quantity):
             >>> print(R_AB @ [1.0, 2.0, 3.0])
             [-2.  1.  3.]
         """
-        u = check.as_vectors(u, "Rotation.from_two_vectors: u")
-        v = check.as_vectors(v, "Rotation.from_two_vectors: v", u.dtype)
+        u = floats.as_vectors(u, "Rotation.from_two_vectors: u")
+        v = floats.as_vectors(v, "Rotation.from_two_vectors: v", u.dtype)
         require_compatible(u=u, v=v)
         both = tuple(_axis(axis, "Rotation.from_two_vectors") for axis in axes)
         if len(both) != 2 or both[0] == both[1]:
@@ -443,8 +443,8 @@ class Rotation(Quantity):
             >>> print(R @ [1.0, 2.0, 3.0])
             [-2.  1.  3.]
         """
-        a = check.as_vectors(a, "Rotation.between: a")
-        b = check.as_vectors(b, "Rotation.between: b", a.dtype)
+        a = floats.as_vectors(a, "Rotation.between: a")
+        b = floats.as_vectors(b, "Rotation.between: b", a.dtype)
         require_compatible(a=a, b=b)
         return cls(_between(precision, a, b))
 
@@ -598,7 +598,7 @@ class Rotation(Quantity):
             >>> print(R.interpolate(S, 0.2).log())
             [0.  0.  0.1]
         """
-        t = expanded(check.as_float_array(t, "Rotation.interpolate: t", self.dtype))
+        t = expanded(floats.as_float_array(t, "Rotation.interpolate: t", self.dtype))
         require_compatible(start=self, end=other, t=t)
         return Rotation(_interpolated(precision, self.entries, other.entries, t))
 
@@ -626,7 +626,7 @@ class Rotation(Quantity):
             >>> print(J[1] @ jnp.array([1.0, 0.0, 2.0]))
             0.6366196
         """
-        return matrices(_left_jacobian(precision, check.as_vectors(w, "Rotation.left_jacobian: w")), 3)
+        return matrices(_left_jacobian(precision, floats.as_vectors(w, "Rotation.left_jacobian: w")), 3)
 
     @staticmethod
     @promises(bound=JACOBIAN_INVERSE)
@@ -652,7 +652,7 @@ class Rotation(Quantity):
             >>> print(js.Rotation.left_jacobian_inverse(theta) @ np.array([2.0, 4.0, 6.0]))
             [ 6.2832 -3.1416  6.    ]
         """
-        w = check.as_vectors(w, "Rotation.left_jacobian_inverse: w")
+        w = floats.as_vectors(w, "Rotation.left_jacobian_inverse: w")
         return matrices(_left_jacobian_inverse(precision, w), 3)
 
 
@@ -682,7 +682,7 @@ def rotated(R_AB: Rotation, v_B: ArrayLike, *, precision: PrecisionName = None) 
 
     Error: as of `R_AB @ v_B`.
     """
-    v_B = check.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype, keep_dtype=is_identity(R_AB))
+    v_B = floats.as_vectors(v_B, "Rotation @ v: v", R_AB.dtype, keep_dtype=is_identity(R_AB))
     check.require_same_dtype(Rotation=R_AB, v=v_B)
     return rotated_together(R_AB, v_B, precision=precision)[0]
 
@@ -691,7 +691,7 @@ def rotated_together(R_AB: Rotation, *vectors, precision: PrecisionName = None) 
     """`rotated` for several vectors of the dtype of R, in one operation: what a derivative collects from all of them is
     one sum."""
     for v in vectors:
-        check.common_batch_shape(Rotation=R_AB.batch_shape, v=v.shape[:-1])
+        floats.common_batch_shape(Rotation=R_AB.batch_shape, v=v.shape[:-1])
     return vectors if is_identity(R_AB) else _rotated(precision, R_AB.entries, *vectors)
 
 
@@ -732,7 +732,7 @@ def _require_rotations(entries: jax.Array, name: str) -> None:
     leaves = jax.tree.leaves(entries)
     if not leaves or any(isinstance(x, (Tracer, jax.ShapeDtypeStruct)) for x in leaves):
         return
-    tolerance = 1e-3 + 16 * check.eps(entries.dtype)
+    tolerance = 1e-3 + 16 * floats.eps(entries.dtype)
     m = np.asarray(from_double_word(as_array(entries, entries.shape[:-1]))).astype(np.float64).reshape((-1, 3, 3))
     with np.errstate(all="ignore"):
         off = abs(m @ np.swapaxes(m, -1, -2) - np.eye(3)).max((-1, -2), initial=0.0)

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING, Any, Self, overload
 
 import jax
 
-from jaxspatial.numerics import check
-from jaxspatial.numerics.check import expanded, matrices, require_kind
+from jaxspatial.numerics import check, floats
+from jaxspatial.numerics.check import require_kind
+from jaxspatial.numerics.floats import expanded, matrices
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Motion, Pose, Vector, cross
 from jaxspatial.numerics.numbers import Numbers, constant
@@ -97,12 +98,12 @@ class RigidTransform(Quantity):
         if all(map(check.is_tree_mark, self._vectors)):
             return
         require_kind(self.rotation, Rotation, "RigidTransform: rotation")
-        p = check.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, keep_dtype=True)
+        p = floats.as_vectors(self.translation, "RigidTransform: translation", self.rotation.dtype, keep_dtype=True)
         R, p = check.same_dtype(rotation=self.rotation, translation=p).values()
-        batch = check.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
-        entries, p = check.broadcast_batch(batch, R.entries, p)
+        batch = floats.common_batch_shape(rotation=R.batch_shape, translation=p.shape[:-1])
+        entries, p = floats.broadcast_batch(batch, R.entries, p)
         object.__setattr__(self, "rotation", Rotation(entries))
-        object.__setattr__(self, "translation", check.owned(p))
+        object.__setattr__(self, "translation", floats.owned(p))
 
     def __repr__(self) -> str:
         return f"RigidTransform({self.rotation!r}, translation={check.shown(self.translation, 3)})"
@@ -128,7 +129,7 @@ class RigidTransform(Quantity):
             [0. 1. 0.]
         """
         R = Rotation.identity(batch_shape, dtype)
-        return cls(R, check.numpy_for(R.batch_shape).zeros((*R.batch_shape, 3), R.dtype))
+        return cls(R, floats.numpy_for(R.batch_shape).zeros((*R.batch_shape, 3), R.dtype))
 
     @classmethod
     def from_matrix(cls, m: ArrayLike) -> Self:
@@ -149,7 +150,7 @@ class RigidTransform(Quantity):
             >>> print(X_AB.translation)
             [2. 0. 0.]
         """
-        m = matrices(check.as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
+        m = matrices(floats.as_matrices(m, "RigidTransform.from_matrix: m", 4), 4)
         return cls(Rotation.from_matrix(m[..., :3, :3]), m[..., :3, 3])
 
     @classmethod
@@ -317,7 +318,7 @@ class RigidTransform(Quantity):
             [2.5 0.  0. ]
         """
         require_kind(other, RigidTransform, "RigidTransform.interpolate: other")
-        t = expanded(check.as_float_array(t, "RigidTransform.interpolate: t", self.dtype))
+        t = expanded(floats.as_float_array(t, "RigidTransform.interpolate: t", self.dtype))
         check.require_same_dtype(start=self, end=other, t=t)
         entries, p = _interpolated(precision, self._pose, other._pose, t)
         return RigidTransform(Rotation(entries), p)
@@ -415,6 +416,6 @@ def transformed(X_AB: RigidTransform, other, *, precision: PrecisionName = None)
         return RigidTransform(R_AC, transformed(X_AB, other.translation, precision=precision))
     if isinstance(other, Quantity):
         raise TypeError(f"RigidTransform @ p: expected points or a RigidTransform, got {type(other).__name__}; see act")
-    p = check.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
+    p = floats.as_vectors(other, "RigidTransform @ p: p", X_AB.dtype)
     require_compatible(RigidTransform=X_AB, p=p)
     return _moved(precision, X_AB._pose, p)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.check import refuse, require_kind
 from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient
 from jaxspatial.numerics.formula import formula
@@ -103,7 +103,7 @@ class SpatialVector(Additive):
         if not all(map(check.is_tree_mark, parts.values())):
             maker = f"; of six numbers make one with {kind}.from_array"
             for name, x in parts.items():
-                parts[name] = check.owned(check.as_vectors(x, name, keep_dtype=True, otherwise=maker))
+                parts[name] = floats.owned(floats.as_vectors(x, name, keep_dtype=True, otherwise=maker))
             parts = check.same_dtype(**parts)
             arrays = list(parts.values())
             if arrays[0].shape != arrays[-1].shape:
@@ -134,7 +134,7 @@ class SpatialVector(Additive):
             >>> js.SpatialForce.from_array([0.0, 0.0, 3.0, 1.0, 2.0, 0.0])
             SpatialForce(tau=[0.0, 0.0, 3.0], f=[1.0, 2.0, 0.0])
         """
-        array = check.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, keep_dtype=True)
+        array = floats.as_vectors(x6, f"{cls.__name__}.from_array: x6", size=6, keep_dtype=True)
         return cls(array[..., :3], array[..., 3:])
 
     @property
@@ -229,21 +229,21 @@ class SpatialVector(Additive):
     def _scaled(self, operation: Callable, scalar) -> Any:
         if isinstance(scalar, SpatialVector):
             return NotImplemented
-        x, s = check.narrowed(self), self._scalar(scalar)
-        batch = check.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
-        parts = check.broadcast_batch(batch, *x._vectors)
-        factor = s if is_known(s) else check.broadcast_batch(batch, check.expanded(s))[0]
+        x, s = floats.narrowed(self), self._scalar(scalar)
+        batch = floats.common_batch_shape(**{type(self).__name__: x.batch_shape, "scalar": s.shape})
+        parts = floats.broadcast_batch(batch, *x._vectors)
+        factor = s if is_known(s) else floats.broadcast_batch(batch, floats.expanded(s))[0]
         return self._with_vectors(_times(operation, part, factor) for part in parts)
 
     def _scalar(self, scalar):
         """The checked factor: a NumPy number for a Python number, or an array with one number per vector."""
         kind = type(self).__name__
-        dtype = check.narrowed(self).dtype
+        dtype = floats.narrowed(self).dtype
         if isinstance(scalar, (int, float)):
             return dtype.type(scalar)
-        s = check.as_float_array(scalar, f"{kind} * or / scalar", dtype)
+        s = floats.as_float_array(scalar, f"{kind} * or / scalar", dtype)
         check.require_same_dtype(**{kind: self, "scalar": s})
-        if len(s.shape) > len(self.batch_shape) and not all(map(check.goes_with_any_batch, self._vectors)):
+        if len(s.shape) > len(self.batch_shape) and not all(map(floats.goes_with_any_batch, self._vectors)):
             raise ValueError(
                 f"{kind} * or / scalar: expected a number, or one per vector of the batch of shape {self.batch_shape}, "
                 f"got shape {s.shape}; each of them times all: jax.vmap(operator.mul, in_axes=(None, 0))(x, s)"
@@ -277,7 +277,7 @@ class SpatialVector(Additive):
             >>> js.stack([F, F, -3.0 * F]).sum()
             SpatialForce(tau=[0.0, 0.0, -3.0], f=[-1.0, -2.0, 0.0])
         """
-        place = check.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
+        place = floats.batch_axis(axis, self.batch_shape, f"{type(self).__name__}.sum")
         return self._with_vectors(_summed(precision, *moved_to_last(self._vectors, place, self.batch_shape)))
 
     # -- operations ---------------------------------------------------------------------------------------------------
@@ -415,7 +415,7 @@ class SpatialVector(Additive):
             False True
         """
         a, b = matched(self, other, "comparison")
-        tolerance = check.eps(a.dtype) if tolerance is None else tolerance
+        tolerance = floats.eps(a.dtype) if tolerance is None else tolerance
         return a.is_nearly_equal_within_absolute_tolerance(b, tolerance, tolerance)
 
 
@@ -531,7 +531,7 @@ class SpatialVelocity(SpatialVector):
             SpatialVelocity(w=[0.0, 0.0, 3.0], v=[0.5, 2.0, 0.0])
         """
         require_kind(V_BC_E, SpatialVelocity, "compose_with_moving_frame: V_BC_E")
-        p = check.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
+        p = floats.as_vectors(p_BoCo_E, "compose_with_moving_frame: p_BoCo_E", self.dtype)
         require_compatible(V_MB_E=self, p_BoCo_E=p, V_BC_E=V_BC_E)
         return self._with_vectors(_composed_velocity(precision, self._grouped, p, V_BC_E._grouped))
 
@@ -607,8 +607,8 @@ class SpatialAcceleration(SpatialVector):
         name = "compose_with_moving_frame"
         require_kind(V_BC_E, SpatialVelocity, f"{name}: V_BC_E")
         require_kind(A_BC_E, SpatialAcceleration, f"{name}: A_BC_E")
-        p = check.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
-        w = check.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
+        p = floats.as_vectors(p_BoCo_E, f"{name}: p_BoCo_E", self.dtype)
+        w = floats.as_vectors(w_MB_E, f"{name}: w_MB_E", self.dtype)
         require_compatible(A_MB_E=self, p_BoCo_E=p, w_MB_E=w, V_BC_E=V_BC_E, A_BC_E=A_BC_E)
         moved = _composed_acceleration(precision, self._grouped, p, w, V_BC_E._grouped, A_BC_E._grouped)
         return self._with_vectors(moved)
@@ -681,7 +681,7 @@ class SpatialAcceleration(SpatialVector):
             raise TypeError(
                 f"{operation}: expected w, the angular velocity of the body, (*batch, 3), for a SpatialAcceleration"
             )
-        w = check.as_vectors(w, f"{operation}: w", self.dtype)
+        w = floats.as_vectors(w, f"{operation}: w", self.dtype)
         require_compatible(SpatialAcceleration=self, w=w)
         return {"w": w}
 
@@ -691,7 +691,7 @@ class SpatialAcceleration(SpatialVector):
 
 def offset(X_P_E: Quantity, p_PQ_E: ArrayLike, **others: jax.Array) -> jax.Array:
     """The checked offset of `shift`: an array of the dtype of X, whose batch broadcasts with those of X and others."""
-    p = check.as_vectors(p_PQ_E, "shift: p_PQ_E", X_P_E.dtype)
+    p = floats.as_vectors(p_PQ_E, "shift: p_PQ_E", X_P_E.dtype)
     require_compatible(**{type(X_P_E).__name__: X_P_E}, p_PQ_E=p, **others)
     return p
 
@@ -706,11 +706,11 @@ def require_pair(a: SpatialVector, b: SpatialVector) -> None:
     """Checks that two vectors have one dtype, and batches that broadcast."""
     kinds = type(a).__name__, type(b).__name__
     check.require_same_dtype(**dict(zip(kinds if len({*kinds}) == 2 else ("first", "second"), (a, b), strict=True)))
-    check.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
+    floats.common_batch_shape(first=a.batch_shape, second=b.batch_shape)
 
 
 def _require_one_batch(kind: str, arrays: dict) -> None:
-    batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not check.goes_with_any_batch(a)}
+    batch_shapes = {name: a.shape[:-1] for name, a in arrays.items() if not floats.goes_with_any_batch(a)}
     if len(set(batch_shapes.values())) > 1:
         came = ", ".join(f"{name}: {shape}" for name, shape in batch_shapes.items())
         raise ValueError(f"{kind}: expected equal batch shapes, got {came}; see jnp.broadcast_to")
@@ -721,8 +721,8 @@ def _require_one_batch(kind: str, arrays: dict) -> None:
 
 def side_by_side(*parts) -> Any:
     """The parts as one array, end to end along the last axis; a NumPy array where JAX would narrow it."""
-    arrays = [as_array(part, check.batch_shape(*parts)) for part in parts]
-    if not check.config.jax_enable_x64 and all(isinstance(x, np.ndarray) and x.dtype == np.float64 for x in arrays):
+    arrays = [as_array(part, floats.batch_shape(*parts)) for part in parts]
+    if not floats.config.jax_enable_x64 and all(isinstance(x, np.ndarray) and x.dtype == np.float64 for x in arrays):
         return np.concatenate(arrays, axis=-1)
     arrays = to_double_word(arrays) if any(isinstance(x, DoubleWord) for x in arrays) else arrays
     return jax.tree.map(lambda *words: jnp.concatenate(words, axis=-1), *arrays)
@@ -740,7 +740,7 @@ def _times(operation: Callable, part, s):
     """
     factor = s
     x = to_double_word(part) if isinstance(s, DoubleWord) and not isinstance(part, Components) else part
-    if isinstance(x, check.StandIn):
+    if isinstance(x, floats.StandIn):
         return x * factor if operation is product else x / factor
     return operation(barrier(x), barrier(jnp.broadcast_to(factor, x.shape)))
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.check import require_kind
 from jaxspatial.numerics.errorfree.primitives import choice
 from jaxspatial.numerics.errorfree.scaling import exponent, times_power_of_two
@@ -60,8 +60,8 @@ def wrench_from_point_forces(points: ArrayLike, forces: ArrayLike, *, precision:
         >>> js.wrench_from_point_forces(points, forces)
         SpatialForce(tau=[0.0, 0.0, -1.0], f=[3.0, 2.0, 0.0])
     """
-    points = check.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
-    forces = check.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
+    points = floats.as_vectors(points, "wrench_from_point_forces: points", many=["n"])
+    forces = floats.as_vectors(forces, "wrench_from_point_forces: forces", points.dtype, many=["n"])
     require_compatible(points=points, forces=forces)
     return SpatialForce(*_sum_of_moments(precision, points, forces))
 
@@ -111,7 +111,7 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
         2.0 [-0.5  0.   0. ]
     """
     require_kind(F_P_E, SpatialForce, "central_axis")
-    parts = (as_array(part, F_P_E.batch_shape) for part in check.narrowed_each(F_P_E._vectors))
+    parts = (as_array(part, F_P_E.batch_shape) for part in floats.narrowed_each(F_P_E._vectors))
     return CentralAxis(*_central_axis(resolve(precision), *parts))
 
 
@@ -188,7 +188,7 @@ def center_of_pressure(
         [0.2 0.1]
     """
     require_kind(F_P_E, SpatialForce, "center_of_pressure")
-    normal = check.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
+    normal = floats.as_vectors(normal, "center_of_pressure: normal", F_P_E.dtype)
     batch = require_compatible(SpatialForce=F_P_E, normal=normal)
     point = _center_of_pressure(precision, Wrench(*F_P_E._vectors), normal)
     return as_array(point, batch) if is_zero(point) else point

@@ -12,7 +12,6 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxspatial.numerics.check import finfo, is_sized
 from jaxspatial.numerics.errorfree.primitives import (
     Tangent,
     choice,
@@ -23,6 +22,7 @@ from jaxspatial.numerics.errorfree.primitives import (
     over_one_shape,
     same_sharding,
 )
+from jaxspatial.numerics.floats import finfo, is_sized
 from jaxspatial.numerics.jax_internals import Primitive, ShapedArray, ad, mlir, stablehlo
 
 

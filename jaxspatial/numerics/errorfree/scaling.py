@@ -7,8 +7,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxspatial.numerics.check import finfo
 from jaxspatial.numerics.errorfree.barrier import bits_of
+from jaxspatial.numerics.floats import finfo
 
 
 def exponent(components: Iterable[jax.Array]) -> jax.Array:

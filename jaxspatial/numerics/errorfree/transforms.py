@@ -12,9 +12,9 @@ from collections.abc import Callable, Sequence
 import jax
 from jax import Array, lax
 
-from jaxspatial.numerics.check import finfo
 from jaxspatial.numerics.errorfree.barrier import bits_of, no_reassociation, opaque, product_tangent
 from jaxspatial.numerics.errorfree.primitives import elementwise, no_tangent, rule, same_sharding
+from jaxspatial.numerics.floats import finfo
 
 Guard = Callable[[Array], Array]
 

@@ -15,7 +15,7 @@ import jax.export
 import jax.numpy as jnp
 import numpy as np
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.errorfree.barrier import barrier
 from jaxspatial.numerics.numbers.double_word import DoubleWord, to_double_word
 from jaxspatial.numerics.numbers.layout import stack
@@ -33,7 +33,7 @@ class _Structure(NamedTuple):
     dtype: str | None
 
 
-class Components(Arithmetic, check.StandIn):
+class Components(Arithmetic, floats.StandIn):
     """An array (*batch, n) by its n components, each data or a number known while tracing.
 
         f = js.Components(fx, fy, 0.0)                        # a force in the plane
@@ -74,13 +74,13 @@ class Components(Arithmetic, check.StandIn):
             raise ValueError("Components: expected at least one component, got none")
         parts = [_checked(c, f"Components: component {i}", dtype) for i, c in enumerate(components)]
         # The dtype of what has one, or the one named; JAX's default for Python floats alone.
-        typed = {f"component {i}": c for i, c in enumerate(parts) if isinstance(c, check.ARRAYS)}
+        typed = {f"component {i}": c for i, c in enumerate(parts) if isinstance(c, floats.ARRAYS)}
         if dtype is not None:
             typed["dtype"] = np.empty((), jax.dtypes.canonicalize_dtype(dtype))
         check.require_same_dtype(**typed)
         dtype = next(iter(typed.values())).dtype if typed else jax.dtypes.canonicalize_dtype(float)
         batches = {f"component {i}": c.shape for i, c in enumerate(parts) if not isinstance(c, (float, np.generic))}
-        batch = check.common_batch_shape(**batches) if batches else ()
+        batch = floats.common_batch_shape(**batches) if batches else ()
         self._fill([_over(c, batch, dtype) for c in parts])
 
     def _fill(self, components: Sequence) -> None:
@@ -111,7 +111,7 @@ class Components(Arithmetic, check.StandIn):
             >>> js.Components.from_array(jnp.array([1.0, 2.0, 3.0]), (None, None, 0.0))
             Components(Array(1.0), Array(2.0), 0.0)
         """
-        x = check.as_vectors(x, "Components.from_array: x", size=len(known))
+        x = floats.as_vectors(x, "Components.from_array: x", size=len(known))
         return cls(*(x[..., i] if number is None else number for i, number in enumerate(known)), dtype=x.dtype)
 
     @classmethod
@@ -193,7 +193,7 @@ class Components(Arithmetic, check.StandIn):
             >>> print(js.Components(1.0, jnp.array(2.0), 0.0).to_array())
             [1. 2. 0.]
         """
-        batch = check.broadcast_shapes(self.shape[:-1], batch_shape)
+        batch = floats.broadcast_shapes(self.shape[:-1], batch_shape)
         parts = self.components
         parts = to_double_word(parts) if any(isinstance(c, DoubleWord) for c in parts) else parts
         return jax.tree.map(lambda *limbs: stack(limbs, batch), *parts, is_leaf=is_known)
@@ -256,7 +256,7 @@ class Components(Arithmetic, check.StandIn):
         if not isinstance(which, int):
             return self.of([parts[i] for i in np.arange(len(parts))[which]])
         shape = next((c.shape for c in parts if not is_known(c)), ())
-        return check.numpy_for(shape).broadcast_to(parts[which], shape) if is_known(parts[which]) else parts[which]
+        return floats.numpy_for(shape).broadcast_to(parts[which], shape) if is_known(parts[which]) else parts[which]
 
     def __len__(self) -> int:
         return self.shape[0]
@@ -278,17 +278,17 @@ class Components(Arithmetic, check.StandIn):
         if other is NotImplemented:
             return NotImplemented
         a, b = (other, self) if is_reflected else (self, other)
-        batch = check.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
-        return _by_component(operation, *check.broadcast_batch(batch, a, b))
+        batch = floats.common_batch_shape(left=a.shape[:-1], right=b.shape[:-1])
+        return _by_component(operation, *floats.broadcast_batch(batch, a, b))
 
     def _beside(self, other):
         """What stands beside this one in an operation, with as many components; NotImplemented."""
         n = self.shape[-1]
         if isinstance(other, (int, float)) and not isinstance(other, bool):
             return self.of([_over(float(other), (), self.dtype)] * n)
-        if not isinstance(other, (np.generic, np.ndarray, jax.Array, check.StandIn)):
+        if not isinstance(other, (np.generic, np.ndarray, jax.Array, floats.StandIn)):
             return NotImplemented
-        array = check.as_float_array(other, "Components: other")
+        array = floats.as_float_array(other, "Components: other")
         check.require_same_dtype(Components=self, other=array)
         if isinstance(other, np.generic):
             return self.of([array[()]] * n)
@@ -344,7 +344,7 @@ def _checked(c, name: str, dtype) -> Any:
         raise TypeError(f"{name}: expected an array (*batch,), a DoubleWord or a float, got Components")
     if type(c) in (float, int):
         return float(c)
-    array = check.as_float_array(c, name, dtype)
+    array = floats.as_float_array(c, name, dtype)
     return array[()] if isinstance(c, np.generic) else array
 
 
@@ -388,7 +388,7 @@ def is_zero(x) -> bool:
     """True for what is known to be zero throughout: Components without data, or a NumPy array."""
     if isinstance(x, Components):
         return not x.data and not any(x.structure.known)
-    return isinstance(x, check.NUMPY) and not x.any()
+    return isinstance(x, floats.NUMPY) and not x.any()
 
 
 def all_are_zero(arrays: Sequence) -> bool:
@@ -427,7 +427,7 @@ def _plain(number: float) -> float:
 
 def _shown(leaf) -> str:
     """A number, the shape of more or of something not computed yet."""
-    if check.is_computed(leaf) and leaf.ndim == 0:
+    if floats.is_computed(leaf) and leaf.ndim == 0:
         return f"Array({np.asarray(leaf)})"
     return check.in_short(leaf)
 
@@ -444,7 +444,7 @@ def _split_index(index, ndim: int, has_batch: bool) -> tuple[tuple, Any]:
     if not has_batch and len(index) > 2 and index[0] is Ellipsis and index[-1] is not None:
         index = index[-1:]
     indices = [i for i in index if i is not Ellipsis]
-    are_masks = [isinstance(i, bool) or (isinstance(i, check.ARRAYS) and i.dtype == np.bool_) for i in indices]
+    are_masks = [isinstance(i, bool) or (isinstance(i, floats.ARRAYS) and i.dtype == np.bool_) for i in indices]
     if len(indices) > ndim or any(i is None for i in indices) or any(are_masks):
         return (), None
     before = next((k for k, i in enumerate(index) if i is Ellipsis), len(index))
@@ -455,5 +455,5 @@ def _split_index(index, ndim: int, has_batch: bool) -> tuple[tuple, Any]:
     if isinstance(last, _INTEGERS):
         return tuple(batch), int(last)
     is_alone = all(isinstance(i, (int, slice)) for i in batch)
-    is_list = is_alone and isinstance(last, (list, check.NUMPY)) and np.ndim(last) == 1
+    is_list = is_alone and isinstance(last, (list, floats.NUMPY)) and np.ndim(last) == 1
     return tuple(batch), last if isinstance(last, slice) else np.asarray(last) if is_list else None

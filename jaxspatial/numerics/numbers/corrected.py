@@ -26,7 +26,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree.barrier import barrier, quotient, root
 from jaxspatial.numerics.errorfree.transforms import two_product, two_sum
 from jaxspatial.numerics.numbers import pairs
@@ -104,7 +104,7 @@ class Corrected(Number):
                 return Corrected(*(quietly(operator.mul, limb, one.value) for limb in x.limbs))
         if a.is_known and b.is_known:
             return _folded(operation, a, b)
-        shape = check.broadcast_shapes(np.shape(a.value), np.shape(b.value))
+        shape = floats.broadcast_shapes(np.shape(a.value), np.shape(b.value))
         return Corrected(*_OF_LIMBS[operation](_operand(a, shape), _operand(b, shape)))
 
     # -- decisions -----------------------------------------------------------------------------------------------------

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import check, floats
 from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.numbers import pairs
 from jaxspatial.numerics.numbers.rounded import Number
@@ -43,7 +43,7 @@ _COMPARISONS = {
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class DoubleWord(Number, check.StandIn):
+class DoubleWord(Number, floats.StandIn):
     """A number, or an array of them, as the unevaluated sum hi + lo: about twice the digits of its dtype.
 
         x = js.to_double_word(jnp.float32(1) / 3)
@@ -75,7 +75,7 @@ class DoubleWord(Number, check.StandIn):
         if all(check.is_tree_mark(limb) for limb in (self.hi, self.lo)):
             return
         arguments = {"DoubleWord: hi": self.hi, "DoubleWord: lo": self.lo}
-        limbs = {name: check.as_float_array(limb, name) for name, limb in arguments.items()}
+        limbs = {name: floats.as_float_array(limb, name) for name, limb in arguments.items()}
         check.require_same_dtype(**limbs)
         if len({limb.shape for limb in limbs.values()}) > 1:
             came = ", ".join(f"{name}: {limb.shape}" for name, limb in limbs.items())
@@ -214,7 +214,7 @@ class DoubleWord(Number, check.StandIn):
             return NotImplemented
         first = jax.tree.leaves(limbs)[0]
         check.require_same_dtype(DoubleWord=self, other=first)
-        shape = check.common_batch_shape(DoubleWord=self.shape, other=first.shape)
+        shape = floats.common_batch_shape(DoubleWord=self.shape, other=first.shape)
         return operation(*jax.tree.map(functools.partial(jnp.broadcast_to, shape=shape), (self.limbs, limbs)))
 
     # -- comparison: arrays of answers; like arrays, what has __eq__ cannot be hashed ----------------------------------
@@ -272,12 +272,12 @@ def _limbs_of(x, dtype: DTypeLike):
     if isinstance(x, (np.ndarray, np.generic)) and is_floating(x) and x.dtype != jnp.result_type(x):
         return of_numbers(x, jnp.result_type(x))
     is_array = isinstance(x, (np.ndarray, np.generic, jax.Array))
-    return barrier_or_nan(check.as_float_array(x, "DoubleWord: other")) if is_array else NotImplemented
+    return barrier_or_nan(floats.as_float_array(x, "DoubleWord: other")) if is_array else NotImplemented
 
 
 def _shown(limb) -> str:
     """Up to six numbers, the shape of more or of something not computed yet."""
-    if check.is_computed(limb) and limb.ndim <= 1 and limb.size <= 6:
+    if floats.is_computed(limb) and limb.ndim <= 1 and limb.size <= 6:
         numbers = [str(number) for number in np.asarray(limb).ravel()]
         return "[" + ", ".join(numbers) + "]" if limb.ndim else numbers[0]
     return check.in_short(limb)
@@ -327,10 +327,10 @@ def _as_double_word(leaf, dtype: DTypeLike | None):
     if not is_floating(leaf):
         return leaf
     if isinstance(leaf, (np.ndarray, np.generic)):
-        leaf = check.as_float_array(leaf, "to_double_word: x", keep_dtype=True)
+        leaf = floats.as_float_array(leaf, "to_double_word: x", keep_dtype=True)
     if isinstance(leaf, (float, np.ndarray)):
         return of_limbs(jnp.array(limb) for limb in of_numbers(leaf, dtype or jnp.result_type(leaf)))
-    x = of_limbs(with_zero(barrier_or_nan(check.as_float_array(leaf, "to_double_word: x"))))
+    x = of_limbs(with_zero(barrier_or_nan(floats.as_float_array(leaf, "to_double_word: x"))))
     return x if dtype is None else x.astype(dtype)
 
 
@@ -389,12 +389,12 @@ def of_numbers(x, dtype: DTypeLike, rest=0.0) -> tuple:
 
 def is_floating(x) -> bool:
     """Whether x is a Python float or an array of floating point."""
-    return isinstance(x, float) or (isinstance(x, check.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating))
+    return isinstance(x, float) or (isinstance(x, floats.ARRAYS) and jnp.issubdtype(x.dtype, jnp.floating))
 
 
 def known_dtype(dtype: DTypeLike) -> np.dtype:
     """A dtype as NumPy's, of floating point, and one that JAX knows as things are set."""
-    dtype = check.as_dtype(dtype)
+    dtype = floats.as_dtype(dtype)
     if jax.dtypes.canonicalize_dtype(dtype) != dtype:
         raise TypeError(f"dtype: expected one that JAX has switched on, got {dtype}; see jax.enable_x64")
     return dtype

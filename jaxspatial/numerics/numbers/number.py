@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree import scaling
 from jaxspatial.numerics.errorfree.primitives import choice, not_inlined
 from jaxspatial.numerics.jax_internals import jaxpr_as_fun
@@ -40,7 +40,7 @@ def where(condition: Mask | bool, a: Number | float, b: Number | float) -> Numbe
         return first if condition else second
     limbs: list = []
     for x, y in zip(first.limbs, second.limbs, strict=True):
-        shape = check.broadcast_shapes(condition.shape, np.shape(x), np.shape(y))
+        shape = floats.broadcast_shapes(condition.shape, np.shape(x), np.shape(y))
         are_zero = is_known(x, 0) and is_known(y, 0)
         limbs.append(x if are_zero else lax.select(*(_over(z, shape) for z in (condition, x, y))))
     return like.with_limbs(limbs)

@@ -35,9 +35,9 @@ from jax import Array, lax
 from jax.custom_derivatives import SymbolicZero, zero_from_primal  # pyright: ignore[reportUnknownVariableType]: no stub
 from jax.typing import DTypeLike
 
-from jaxspatial.numerics.check import finfo
 from jaxspatial.numerics.errorfree.barrier import barrier, product, quotient, root
 from jaxspatial.numerics.errorfree.transforms import fast_two_sum, two_product, two_sum
+from jaxspatial.numerics.floats import finfo
 
 # -- derivatives: those of the sum hi + lo, accurate to a few u --------------------------------------------------------
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from typing import NamedTuple
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.numbers.rounded import uniform
 
 
@@ -81,7 +81,7 @@ def symbols(arrays: Sequence, parts: Sequence[int]) -> tuple[Polynomial, ...]:
     word."""
     array, components = arrays[parts[0]], list[Polynomial]()
     for k in range(array.shape[-1]):
-        value = uniform(array[..., k]) if len(parts) == 1 and isinstance(array, check.NUMPY) else None
+        value = uniform(array[..., k]) if len(parts) == 1 and isinstance(array, floats.NUMPY) else None
         terms = () if value == 0 else tuple(Term(1, ((j, k),)) for j in parts)
         components.append(Polynomial(terms, int(value) if value in (1, -1) else None))
     return tuple(components)

@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree.barrier import difference, fixed_sum, product, quotient, root
 from jaxspatial.numerics.errorfree.primitives import computed_at_once
 from jaxspatial.numerics.precision import Precision
@@ -32,8 +32,8 @@ _COMPARISONS = {operator.lt: lax.lt, operator.le: lax.le, operator.gt: lax.gt, o
 # Operands that are not arrays of JAX: numbers known while tracing, and what stands for an array.
 # Its stub knows no operators.
 _KNOWN: type[Any] = np.generic
-_NO_ARRAYS: Any = (np.generic, check.StandIn)
-_Other = check.StandIn | jax.typing.ArrayLike  # beside a number; vectors know their multiples
+_NO_ARRAYS: Any = (np.generic, floats.StandIn)
+_Other = floats.StandIn | jax.typing.ArrayLike  # beside a number; vectors know their multiples
 # Factors that leave no product behind.
 _UNITS = 0, 1, -1
 
@@ -129,13 +129,13 @@ def quietly(operation: Callable, a, b):
 def broadcast(a, b) -> tuple:
     """a and b over one shape; a known number beside an array made an array. A double word broadcasts itself."""
     is_known_a, is_known_b = isinstance(a, np.generic), isinstance(b, np.generic)
-    if (is_known_a and is_known_b) or isinstance(a, check.StandIn) or isinstance(b, check.StandIn):
+    if (is_known_a and is_known_b) or isinstance(a, floats.StandIn) or isinstance(b, floats.StandIn):
         return a, b
     if is_known_a or is_known_b:
         return (_filled(b, a), b) if is_known_a else (a, _filled(a, b))
     if a.shape == b.shape:
         return a, b
-    shape = check.broadcast_shapes(a.shape, b.shape)
+    shape = floats.broadcast_shapes(a.shape, b.shape)
     return jnp.broadcast_to(a, shape), jnp.broadcast_to(b, shape)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array, lax
 from jax.typing import DTypeLike
 
-from jaxspatial.numerics import check
+from jaxspatial.numerics import floats
 from jaxspatial.numerics.errorfree.primitives import choice
 from jaxspatial.numerics.errorfree.transforms import two_sum
 from jaxspatial.numerics.sums.accumulator import Terms, Trial
@@ -74,7 +74,7 @@ def _plus(state: State, sign: int, x: Array) -> State:
 def _round(state: State, dtype: DTypeLike) -> Array:
     """Rounded, or NaN."""
     r = state.s if state.c is None else state.s + state.c
-    unit = check.eps(dtype) / check.eps(r.dtype)
+    unit = floats.eps(dtype) / floats.eps(r.dtype)
     is_certain = (state.size <= lax.abs(r) * (unit * _ENOUGH)) & (lax.abs(r) <= np.finfo(r.dtype).max)
     return lax.convert_element_type(lax.select(is_certain, r, choice(math.nan, r.shape, r.dtype)), dtype)
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxspatial.numerics.check import is_sized
+from jaxspatial.numerics.floats import is_sized
 
 T = TypeVar("T")
 

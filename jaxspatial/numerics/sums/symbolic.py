@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from jaxspatial.numerics import check, linear
+from jaxspatial.numerics import floats, linear
 from jaxspatial.numerics.errorfree.barrier import quotient, widened
 from jaxspatial.numerics.linear import Summed
 from jaxspatial.numerics.numbers import components
@@ -33,14 +33,14 @@ def run_symbolically(formula: Callable, precision: Precision, arrays: Sequence):
     arrays = tuple(map(components.as_components, arrays)) if are_components else arrays
     data = _Data(np.dtype(arrays[0].dtype))
     vectors = [linear.by_size(data.vector(a)) for a in arrays]
-    batch = check.broadcast_shapes(*(a.shape[:-1] for a in arrays))
+    batch = floats.broadcast_shapes(*(a.shape[:-1] for a in arrays))
     plan = Plan((), batch, str(precision), is_pair=any(map(components.has_pairs, arrays)))
-    passed = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, check.NUMPY)}
+    passed = {id(s): a for s, a in zip(vectors, arrays, strict=True) if plan.is_pair or isinstance(a, floats.NUMPY)}
     results = formula(vectors)
     several: list = results if isinstance(results, list) else [results]
     evaluated = _evaluated_unstacked if are_components else _evaluated
     computed = iter(evaluated(plan, data, [x for x in several if id(x) not in passed]))
-    values = [check.broadcast_batch(batch, passed[id(x)])[0] if id(x) in passed else next(computed) for x in several]
+    values = [floats.broadcast_batch(batch, passed[id(x)])[0] if id(x) in passed else next(computed) for x in several]
     return values if isinstance(results, list) else values[0]
 
 
@@ -172,7 +172,7 @@ def _bound(plan: Plan, arrays: Sequence, results: Sequence) -> list:
 def _shaped(plan: Plan, x, s: Sum, result, dtype: np.dtype):
     """Without the axes that a scalar, or a sum over items, does not have."""
     if result is None:
-        result = [check.numpy_for(plan.batch).zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)
+        result = [floats.numpy_for(plan.batch).zeros(plan.shape(s), dtype)] * (1 + plan.is_pair)
     if s.reduced:
         result = [a[..., 0, :] for a in result]
     if _is_number(x):
