@@ -13,7 +13,7 @@ import numpy as np
 
 from jaxspatial.dynamics.kinematics import forward_kinematics, velocity_step
 from jaxspatial.engine import recursion
-from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked
+from jaxspatial.engine.algorithm import FRAMES, GEOMETRY, algorithm, checked, refuse_double_words
 from jaxspatial.engine.stacking import Array
 from jaxspatial.engine.state import Link, MechanismState
 from jaxspatial.mechanism import HalfSpace, Mechanism, PointContacts, ShapeContacts
@@ -55,6 +55,7 @@ def checked_contacts(operation: str, contacts, name: str = "contacts") -> PointC
     """The contacts, as JAX computes with them."""
     if not isinstance(contacts, PointContacts):
         check.refuse(f"{operation}: {name}", "PointContacts", contacts)
+    refuse_double_words(operation, **{name: contacts})
     return floats.narrowed(contacts)
 
 
@@ -64,6 +65,7 @@ def checked_pairs(operation: str, mechanism: Mechanism, q: Array, pairs) -> Pair
     if not isinstance(pairs, tuple) or len(pairs) != 2:
         check.refuse(what, "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
     is_shape = isinstance(pairs[0], ShapeContacts)
+    refuse_double_words(operation, pairs=pairs)
     a = floats.narrowed(pairs[0]) if is_shape else checked_contacts(operation, pairs[0], "pairs")
     b = checked_contacts(operation, pairs[1], "pairs")
     for x in (a, b):
@@ -89,6 +91,7 @@ def checked_ground(operation: str, ground, q: Array) -> Ground:
     if ground is None:
         return HalfSpace(np.array([0, 0, 1], q.dtype), np.zeros((), q.dtype))
     if isinstance(ground, Shape):
+        refuse_double_words(operation, ground=ground)
         ground = floats.narrowed(ground)
         check.require_same_dtype(q=q, ground=ground)
     elif not callable(ground):

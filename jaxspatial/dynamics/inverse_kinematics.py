@@ -22,7 +22,7 @@ from jax import lax
 from jaxspatial.dynamics.configuration import integrate, random_configuration
 from jaxspatial.dynamics.jacobians import jacobian
 from jaxspatial.dynamics.kinematics import forward_kinematics
-from jaxspatial.engine.algorithm import checked, over_batch
+from jaxspatial.engine.algorithm import checked, over_batch, refuse_double_words
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import fixed, valued
 from jaxspatial.mechanism import Mechanism
@@ -162,6 +162,7 @@ def _targets(targets, frames, q) -> tuple[list, tuple[int, ...]]:
     """The targets as arrays (*batch, n 9) and (*batch, n 3), or the second alone; and their batch."""
     what = "inverse_kinematics: targets"
     n: tuple[int, ...] = () if isinstance(frames, str) else (len(frames),)
+    refuse_double_words("inverse_kinematics", targets=targets)
     if isinstance(targets, RigidTransform):
         arrays = [jnp.asarray(x, x.dtype) for x in jax.tree.leaves(targets)]
     else:

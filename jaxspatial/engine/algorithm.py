@@ -35,6 +35,7 @@ from jaxspatial.numerics.errorfree.barrier import barrier_or_nan
 from jaxspatial.numerics.errorfree.primitives import computed_at_once, is_zero, same_sharding
 from jaxspatial.numerics.formula import from_outside
 from jaxspatial.numerics.numbers import components
+from jaxspatial.numerics.numbers.double_word import DoubleWord
 from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.quantity import tree_of
 from jaxspatial.numerics.types import named
@@ -145,12 +146,22 @@ def checked(operation: str, mechanism: object, **arguments) -> tuple:
     if "external_forces" in arguments:
         forces, arguments["external_forces"] = _external(operation, mechanism, arguments["external_forces"])
         named |= forces
+    refuse_double_words(operation, **named)
     check.require_same_dtype(**named)
     named.pop("mechanism", None)
     _require_one_batch(named)
     if arguments.get("frames") is not None:
         arguments["frames"] = _frame_numbers(f"{operation}: frames", mechanism, arguments["frames"])
     return tuple(None if x is NO_ARRAY else x for x in {**arguments, **arrays}.values())
+
+
+def refuse_double_words(operation: str, **arguments) -> None:
+    """Algorithms take arrays: only within one do numbers have two limbs, where its precision asks for it."""
+    for name, x in arguments.items():
+        leaves = [] if isinstance(x, jax.Array) else jax.tree.leaves(x, is_leaf=lambda y: isinstance(y, DoubleWord))
+        if any(isinstance(leaf, DoubleWord) for leaf in leaves):
+            what = f"{operation}: {name}"
+            raise TypeError(f"{what}: expected arrays, got a DoubleWord; from_double_word rounds it to an array")
 
 
 def _arrays(operation: str, mechanism: Mechanism, arguments: dict[str, Any]) -> dict[str, jax.Array]:

@@ -1,6 +1,7 @@
 """What algorithms say of arguments that are none: integers of JAX, and names that nothing has."""
 
 import dataclasses
+import functools
 import inspect
 
 import jax
@@ -192,6 +193,32 @@ def test_no_array_is_left_out(name, parameter):
     """None is no array of zeros, and no time."""
     with pytest.raises(TypeError, match=rf"{name}: {parameter}: expected .*, got NoneType None"):
         ALGORITHMS[name](**_arguments(ALGORITHMS[name], np.float32, **{parameter: None}))
+
+
+@pytest.mark.parametrize(("name", "parameter"), NEEDED)
+def test_double_words_are_refused(name, parameter):
+    """Targets in double words had been read limb by limb: a finite result that was wrong."""
+    x = js.to_double_word(np.ones(() if parameter in NUMBERS[-2:] else 2, np.float32))
+    with pytest.raises(TypeError, match=rf"{name}: {parameter}: expected arrays, got a DoubleWord; from_double_word"):
+        ALGORITHMS[name](**_arguments(ALGORITHMS[name], np.float32, **{parameter: x}))
+
+
+def test_trees_of_double_words_are_refused():
+    f, x = js.to_double_word, jnp.ones(2)
+    F, X = js.SpatialForce(jnp.ones(3), jnp.ones(3)), js.RigidTransform.identity(dtype=np.float32)
+    contacts = _arguments(js.contact_forces, np.float32)["contacts"]
+    of_ground = js.HalfSpace(jnp.array([0.0, 0.0, 1.0]), jnp.zeros(()))
+    step = functools.partial(js.convex_step, MECH, x, x, x, 0.5)
+    calls = {
+        "external_forces": lambda: js.forward_dynamics(MECH, x, x, x, {"body0": f(F)}),
+        "contacts": lambda: step(contacts=f(contacts)),
+        "ground": lambda: step(contacts=contacts, ground=f(of_ground)),
+        "pairs": lambda: step(pairs=(contacts, f(contacts))),
+        "targets": lambda: js.inverse_kinematics(MECH, x, "body1", f(X)),
+    }
+    for name, call in calls.items():
+        with pytest.raises(TypeError, match=rf": {name}.*: expected arrays, got a DoubleWord"):
+            call()
 
 
 @pytest.mark.parametrize("key", [0, np.random.default_rng(0), jax.random.split(jax.random.key(0))])
