@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -29,9 +29,8 @@ from jaxspatial.numerics.precision import Precision, resolve
 from jaxspatial.numerics.promise import Normwise, promises
 from jaxspatial.numerics.types import ArrayLike, PrecisionName
 
-Checked = Any  # an array that `checked` returned in place of an ArrayLike
 Scene = tuple[Mechanism, Compliance | None]
-At = tuple[Checked, Checked, Checked]  # q, v, tau
+At = tuple[jax.Array, jax.Array, jax.Array]  # q, v, tau
 
 # Error bounds of velocities: in general, of linear ones whose axes turn, and what turning beyond half a turn adds.
 # In every precision.
@@ -109,17 +108,15 @@ def semi_implicit_step(
         >>> print(q1, v1)
         [ 0.5095 -0.194 ] [0.9549 0.6009]
     """
-    q, v, tau, h, forces = checked(
-        "semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces
-    )
+    *at, h, forces = checked("semi_implicit_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
-        return at_rest(q, v, tau, h, forces)
-    return _semi_implicit_step(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, forces)
+        return at_rest(*at, h, forces)
+    return _semi_implicit_step(resolve(precision), _scene(mechanism, at[1], compliance), *at, h, forces)
 
 
 @composite
 def _semi_implicit_step(
-    precision: Precision, scene: Scene, q: Checked, v: Checked, tau: Checked, h: jax.Array, forces: Checked
+    precision: Precision, scene: Scene, q: jax.Array, v: jax.Array, tau: jax.Array, h: jax.Array, forces: ExternalForces
 ) -> tuple[jax.Array, jax.Array]:
     mechanism, compliance = scene
     c = damping_coefficients(mechanism, v, compliance, precision)
@@ -127,12 +124,12 @@ def _semi_implicit_step(
     return moved(mechanism, q, after, h[..., 0], precision)
 
 
-def _scene(mechanism: Mechanism, v: Checked, compliance: Compliance | None) -> Scene:
+def _scene(mechanism: Mechanism, v: jax.Array, compliance: Compliance | None) -> Scene:
     """What a step is one program for."""
     return mechanism, None if compliance is None else checked_compliance(mechanism, v, compliance)
 
 
-def at_rest(q: Checked, *others: Checked) -> tuple[jax.Array, jax.Array]:
+def at_rest(q: jax.Array, *others: jax.Array) -> tuple[jax.Array, jax.Array]:
     """(q, v) without any coordinates and velocities, over the common batch."""
     batch = floats.broadcast_shapes(*(x.shape[:-1] for x in jax.tree.leaves((q, others))))
     nothing = jnp.zeros((*batch, 0), q.dtype)
@@ -146,15 +143,15 @@ class SteppedVelocities(NamedTuple):
     v: jax.Array
     turning: jax.Array | None
     vdot: jax.Array
-    tau: Checked
+    tau: jax.Array
 
 
 def stepped_velocities(
     mechanism: Mechanism,
-    at: tuple[Checked, Checked, Checked],
+    at: tuple[jax.Array, jax.Array, jax.Array],
     h: jax.Array,
     c: jax.Array | None,
-    forces: Checked,
+    forces: ExternalForces,
     compliance: Compliance | None,
     precision: PrecisionName,
 ) -> SteppedVelocities:
@@ -173,13 +170,13 @@ def stepped_velocities(
     return SteppedVelocities(after, turning, vdot, tau)
 
 
-def without_accelerations(precision: PrecisionName, v: Checked, h: jax.Array, turning: jax.Array | None) -> Checked:
+def without_accelerations(precision: PrecisionName, v: jax.Array, h: jax.Array, turning: jax.Array | None) -> jax.Array:
     """The velocities after a time dt in which only the axes turn."""
     return v if turning is None else euler(precision, v, h, turning)
 
 
 def moved(
-    mechanism: Mechanism, q: Checked, v: Checked, dt: ArrayLike, precision: PrecisionName
+    mechanism: Mechanism, q: jax.Array, v: jax.Array, dt: ArrayLike, precision: PrecisionName
 ) -> tuple[jax.Array, jax.Array]:
     """(q, v) after the time dt, for new velocities v along the axes at the old q."""
     if mechanism.topology.turns_axes:
@@ -189,7 +186,7 @@ def moved(
 
 
 def _accelerated(
-    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: Checked
+    mechanism: Mechanism, precision: PrecisionName, at: At, h: jax.Array, c: jax.Array | None, forces: ExternalForces
 ) -> jax.Array:
     """The accelerations under implicit damping, with one time and the same damping for all states."""
     q, v, tau = at
@@ -268,11 +265,11 @@ def symplectic_step(
 def _variational_step(
     precision: Precision,
     scene: Scene,
-    q: Checked,
-    v: Checked,
-    tau: Checked,
+    q: jax.Array,
+    v: jax.Array,
+    tau: jax.Array,
     h: jax.Array,
-    external_forces: Checked,
+    external_forces: ExternalForces,
     *,
     iterations: int,
 ) -> tuple[jax.Array, jax.Array]:
@@ -374,15 +371,21 @@ def rk4_step(
         >>> print(q1, v1)
         [ 0.5096 -0.1941] [0.9135 0.672 ]
     """
-    q, v, tau, h, external = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
+    *at, h, forces = checked("rk4_step", mechanism, q=q, v=v, tau=tau, dt=dt, external_forces=external_forces)
     if not mechanism.nv:
-        return at_rest(q, v, tau, h, external)
-    return _rk4_step(resolve(precision), _scene(mechanism, v, compliance), q, v, tau, h, external)
+        return at_rest(*at, h, forces)
+    return _rk4_step(resolve(precision), _scene(mechanism, at[1], compliance), *at, h, forces)
 
 
 @composite
 def _rk4_step(
-    precision: Precision, scene: Scene, q: Checked, v: Checked, tau: Checked, h: jax.Array, external: Checked
+    precision: Precision,
+    scene: Scene,
+    q: jax.Array,
+    v: jax.Array,
+    tau: jax.Array,
+    h: jax.Array,
+    external: ExternalForces,
 ) -> tuple[jax.Array, jax.Array]:
     mechanism, compliance = scene
 

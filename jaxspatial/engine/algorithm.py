@@ -14,7 +14,7 @@ import functools
 import inspect
 import warnings
 import weakref
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import TYPE_CHECKING, Any, cast
 
 import jax
@@ -80,7 +80,7 @@ def algorithm(
     program_class: "type[Algorithm] | None" = None,
     result_shape: Callable[[Topology, dict[str, Any]], Shape | list[Shape]] | None = None,
     at: str = "q",
-) -> Any:
+) -> Callable[[Callable], Any]:
     """Makes of `formula(state, *arrays, **static)` a function of (precision, mechanism, q, *arrays, **static).
 
     Arguments are checked by their names in the formula, see `checked`. Messages of errors begin with the name of the
@@ -142,14 +142,14 @@ def checked(operation: str, mechanism: object, **arguments) -> tuple:
     mechanism = checked_mechanism(operation, mechanism)
     arrays = _arrays(operation, mechanism, {name: x for name, x in arguments.items() if x is not NO_ARRAY})
     data = mechanism._first_data
-    named = dict(arrays) if data is None else {**arrays, "mechanism": data}
+    by_name = dict(arrays) if data is None else {**arrays, "mechanism": data}
     if "external_forces" in arguments:
         forces, arguments["external_forces"] = _external(operation, mechanism, arguments["external_forces"])
-        named |= forces
-    refuse_double_words(operation, **named)
-    check.require_same_dtype(**named)
-    named.pop("mechanism", None)
-    _require_one_batch(named)
+        by_name |= forces
+    refuse_double_words(operation, **by_name)
+    check.require_same_dtype(**by_name)
+    by_name.pop("mechanism", None)
+    _require_one_batch(by_name)
     if arguments.get("frames") is not None:
         arguments["frames"] = _frame_numbers(f"{operation}: frames", mechanism, arguments["frames"])
     return tuple(None if x is NO_ARRAY else x for x in {**arguments, **arrays}.values())
@@ -185,8 +185,8 @@ def _external(operation: str, mechanism: Mechanism, forces) -> tuple[dict[str, A
         return {}, forces  # checked before
     if isinstance(forces, list | tuple):
         parts = [_of_one_source(f"external_forces[{i}]", operation, mechanism, x) for i, x in enumerate(forces)]
-        named = dict(item for names, _ in parts for item in names.items())
-        return named, tuple(x for _, wrenches in parts for x in wrenches)
+        by_name = dict(item for names, _ in parts for item in names.items())
+        return by_name, tuple(x for _, wrenches in parts for x in wrenches)
     return _of_one_source("external_forces", operation, mechanism, forces)
 
 
@@ -400,7 +400,7 @@ class ProgramCache:
 
     def __init__(self, topology: Topology, known: tuple[np.ndarray | None, ...]):
         self.topology, self.known = topology, known
-        self.programs, self.called = dict[Any, Algorithm](), set[Any]()
+        self.programs, self.called = dict[Hashable, Algorithm](), set[Hashable]()
 
     def program(self, formula, precision: Precision, tree, known: tuple, static: Static, dtype: np.dtype) -> Algorithm:
         """The program of an algorithm. known: the constants among all leaves of the tree."""
@@ -417,8 +417,8 @@ def contents(x: np.ndarray | None):
 
 
 # All caches by the contents of their constants. Those without constants serve any mechanism, and are kept for good.
-_CACHES: weakref.WeakValueDictionary[Any, ProgramCache] = weakref.WeakValueDictionary()
-_WITHOUT_CONSTANTS: dict[Any, ProgramCache] = {}
+_CACHES: weakref.WeakValueDictionary[Hashable, ProgramCache] = weakref.WeakValueDictionary()
+_WITHOUT_CONSTANTS: dict[Hashable, ProgramCache] = {}
 # The caches of each mechanism by the fields that are read, found without comparing numbers.
 _BY_MECHANISM: weakref.WeakKeyDictionary[Mechanism, dict[tuple[Any, ...], ProgramCache]] = weakref.WeakKeyDictionary()
 
@@ -475,7 +475,7 @@ def run(
     known = *cache.known, *(x if is_known(x) else None for x in leaves[n_fields:])
     made = cache.program(formula, precision, tree, known, static, dtype)
     n_batch = len(batch)
-    data: list = [with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if known[i] is None]
+    data: list = [_with_batch_axes(x, i < n_fields, n_batch) for i, x in enumerate(leaves) if known[i] is None]
     if is_rigid:
         items = [Aval(x.shape[n_batch:], x.dtype) for x in data]
         is_constant = not data or all(0 in y.shape for y in made.outputs(items))
@@ -483,17 +483,17 @@ def run(
         return jax.tree.map(lambda x: jnp.broadcast_to(x, (*batch, *x.shape[n_batch:])), results)
     if is_traced:
         return made(data, n_batch)
-    warn_of_many_programs(operation, cache, (formula, tree, static, dtype))
+    _warn_of_many_programs(operation, cache, (formula, tree, static, dtype))
     return made.alone()(n_batch, data)
 
 
-def with_batch_axes(x, is_field: bool, n_batch: int):
+def _with_batch_axes(x, is_field: bool, n_batch: int):
     """The array with n_batch axes in front, those that it lacks of size 1."""
     shape = (1,) * n_batch + x.shape if is_field else (1,) * (n_batch - x.ndim + 1) + x.shape
     return x.reshape(shape) if shape != x.shape else x
 
 
-def warn_of_many_programs(operation: str, cache: ProgramCache, key: tuple) -> None:
+def _warn_of_many_programs(operation: str, cache: ProgramCache, key: tuple) -> None:
     """Warns once when one algorithm is compiled for the constants of a fourth mechanism.
 
     key: the formula, and what else of a program does not depend on these constants.

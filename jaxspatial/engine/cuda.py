@@ -12,6 +12,7 @@ import contextlib
 import functools
 import math
 import warnings
+import weakref
 from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
@@ -421,10 +422,21 @@ def _capability() -> int:
     return min(int(x.compute_capability.replace(".", "")) for x in jax.local_devices(backend="cuda"))
 
 
-@functools.lru_cache(maxsize=256)
-def compiled(code: Code, capability: int | None = None) -> str:
-    """The kernel as PTX, in which `N_STATES` stands for the number of states."""
+class Kernel:
+    """A kernel as PTX, in which `N_STATES` stands for the number of states."""
+
+    def __init__(self, text: str):
+        self.text = text
+
+
+_COMPILED: weakref.WeakValueDictionary[tuple[Code, int], Kernel] = weakref.WeakValueDictionary()
+
+
+def compiled(code: Code, capability: int | None = None) -> Kernel:
+    """The Kernel of code, or the one that is in use already."""
     capability = capability or _capability()
+    if (found := _COMPILED.get((code, capability))) is not None:
+        return found
     target = cpu.Target(f"sm_{max(x for x in CAPABILITIES if x <= capability)}", "")
 
     def made() -> bytes:
@@ -435,7 +447,8 @@ def compiled(code: Code, capability: int | None = None) -> str:
         target_machine = cpu.llvm.Target.from_triple(TRIPLE).create_target_machine(cpu=target.cpu, opt=2)
         return target_machine.emit_assembly(module).encode()
 
-    return cpu.on_disk(f"{cpu.name_of([code.text], target)}.ptx", made).decode()
+    kernel = Kernel(cpu.on_disk(f"{cpu.name_of([code.text], target)}.ptx", made).decode())
+    return _COMPILED.setdefault((code, capability), kernel)
 
 
 def call(code: Code, arrays: Sequence[jax.Array], n: int, n_devices: int = 1) -> list[jax.Array]:
@@ -461,7 +474,7 @@ def _called(code: Code, arrays: Sequence[jax.Array], n: int) -> list[jax.Array]:
     kernel: dict[str, Any] = {
         "name": "kernel",
         "kernel_type": "ptx",
-        "kernel_data": compiled(code).replace(str(N_STATES), str(n)),
+        "kernel_data": compiled(code).text.replace(str(N_STATES), str(n)),
         **_along_axes("grid", -(-n_warps // warps)),
         **_along_axes("block", warps * WARP),
         "shared_mem_bytes": np.int32(0),

@@ -10,13 +10,12 @@ import contextlib
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple, cast
 
 import numpy as np
 from jax import lax
 
-from jaxspatial.numerics.errorfree.primitives import CALLS, called
 from jaxspatial.numerics.jax_internals import ClosedJaxpr, Literal
 
 Nodes = np.ndarray  # of the numbers of nodes, of dtype int64
@@ -86,10 +85,10 @@ class Graph:
         self.tables: list[tuple[int, ...]] = []
         self.results: list[Nodes] = []
         self.copies = set[int]()
-        self._known: dict[Any, int] = {}
+        self._known: dict[Hashable, int] = {}
         self._table_numbers: dict[tuple[int, ...], int] = {}
         # The branch that is being read: what is new is computed there, whatever it is made of, and known only there.
-        self._branch_region, self._known_there = 0, list[Any]()
+        self._branch_region, self._known_there = 0, list[Hashable]()
 
     def __len__(self) -> int:
         return len(self.operations)
@@ -372,6 +371,20 @@ _ELEMENTWISE |= {
     "shift_right_logical": "shr",
     "shift_right_arithmetic": "sar",
 }
+# As many, of what has a method of its own.
+_LIKE_ELEMENTWISE = {
+    "select_n",
+    "round",
+    "convert_element_type",
+    "bitcast_convert_type",
+    "integer_pow",
+    "square",
+    "is_finite",
+    "sign",
+    "clamp",
+    "reduce_precision",
+    "jaxspatial_two_product",
+}
 # Sums and products that a compiler may make one operation of, where bits are not promised. Those of the library's own
 # primitives are rounded one by one.
 _FUSIBLE = {"mul", "add", "sub", "add_any"}
@@ -399,6 +412,17 @@ _MOVED: dict[str, Callable[..., Nodes]] = {
     "concatenate": lambda p, shape, *x: np.concatenate(x, axis=p["dimension"]),
     **dict.fromkeys(("stack", "jaxspatial_stack"), lambda p, shape, *x: np.stack(x, axis=p["axis"])),
 }
+# What calls another trace.
+_CALLS = {
+    "jit",
+    "pjit",
+    "core_call",
+    "closed_call",
+    "custom_jvp_call",
+    "custom_vjp_call",
+    "remat2",
+    "checkpoint",
+}
 _REDUCTIONS = {
     "reduce_sum": "add",
     "reduce_or": "or",
@@ -408,7 +432,7 @@ _REDUCTIONS = {
     "reduce_prod": "mul",
 }
 # The results of a trace, of nodes in place of its arguments, and whether `a * b + c` may be rounded once in it.
-Read = Callable[[Any, Sequence[Nodes], bool], list[Nodes]]
+Read = Callable[[ClosedJaxpr, Sequence[Nodes], bool], list[Nodes]]
 # Of a primitive that stands for a trace: a function of (equation, Read, nodes) -> its results; None of any other.
 Expand = Callable[[Any, Read, list[Nodes]], list[Nodes] | None]
 
@@ -520,8 +544,8 @@ class _Builder:
             return x
         if (moved := _MOVED.get(name)) is not None:
             return [moved(eqn.params, eqn.outvars[0].aval.shape, *x)]
-        if name in CALLS or name in ("pjit", "core_call", "custom_jvp_call", "custom_vjp_call", "checkpoint"):
-            return self.read(called(eqn), x)
+        if name in _CALLS:
+            return self.read(_called(eqn), x)
         method = getattr(self, f"_{name.replace('-', '_')}", None)
         if method is not None:
             return method(eqn, *x)
@@ -889,7 +913,7 @@ class _Builder:
             return self.read(branches[bool(self.graph.constants[condition])], x)
         # Of states side by side all take both ways, where one is short.
         if len(branches) == 2 and self.graph.dtypes[condition] == BOOL:
-            sizes = [_size(branch.jaxpr) for branch in branches]
+            sizes = [self._size(branch.jaxpr) for branch in branches]
             if min(sizes) == 0 and max(sizes) >= LEAST_SKIPPED:
                 return self._skipped(condition, branches, sizes[1] > 0, x)
         results = [self.read(branch, x) for branch in branches]
@@ -897,6 +921,48 @@ class _Builder:
             both = zip(*results, strict=True)
             return [self.each("select", self._dtype(yes), index, yes, no) for no, yes in both]
         return [self._chosen(self._dtype(options[0]), index, options) for options in zip(*results, strict=True)]
+
+    def _size(self, jaxpr) -> int:
+        """About how many operations a trace has, number by number; what may be known, such as an index, is left out."""
+        size = 0
+        for eqn in jaxpr.eqns:
+            name, p = eqn.primitive.name, eqn.params
+            if name in _ELEMENTWISE or name in _LIKE_ELEMENTWISE:
+                size += sum(math.prod(v.aval.shape) for v in eqn.outvars)
+            elif name in _REDUCTIONS:
+                size += math.prod(eqn.invars[0].aval.shape)
+            elif name == "dot_general":
+                (terms, _), _ = p["dimension_numbers"]
+                n_terms = math.prod(eqn.invars[0].aval.shape[k] for k in terms)
+                size += 2 * n_terms * math.prod(eqn.outvars[0].aval.shape)
+            elif name in ("cholesky", "triangular_solve"):
+                a, b = eqn.invars[0].aval.shape, eqn.invars[-1].aval.shape
+                size += math.prod(b) * a[-1] // (3 if name == "cholesky" else 1)
+            elif name == "scan":
+                size += p["length"] * self._size(p["jaxpr"].jaxpr)
+            elif name == "while":
+                size += self._size(p["cond_jaxpr"].jaxpr) + self._size(p["body_jaxpr"].jaxpr)
+            elif name == "cond":
+                size += sum(self._size(branch.jaxpr) for branch in p["branches"])
+            elif name == "custom_linear_solve":
+                size += self._size(p["jaxprs"].solve.jaxpr)
+            elif name in _CALLS:
+                size += self._size(_called(eqn).jaxpr)
+            else:
+                size += self._size_within(eqn)
+        return size
+
+    def _size_within(self, eqn) -> int:
+        """That of the trace that a primitive stands for, if it is such a one."""
+        size = 0
+
+        def read(closed: ClosedJaxpr, _: Sequence[Nodes], __: bool) -> list[Nodes]:
+            nonlocal size
+            size += self._size(closed.jaxpr)
+            return [np.zeros(cast(Any, v.aval).shape, np.int64) for v in closed.jaxpr.outvars]
+
+        self.expand(eqn, read, [np.zeros(v.aval.shape, np.int64) for v in eqn.invars])
+        return size
 
     def _skipped(self, condition: int, branches: Sequence, of: bool, x: Sequence[Nodes]) -> list[Nodes]:
         """The results of a branch that is taken where the condition is `of`; else those of the other."""
@@ -952,7 +1018,7 @@ class _Builder:
         length = p["length"]
         consts, carry, rows = x[:n_consts], list(x[n_consts : n_consts + n_carry]), x[n_consts + n_carry :]
 
-        def turn(_, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
+        def turn(_: Loop | None, carry: Sequence[Nodes], row: Sequence[Nodes]) -> tuple[list[Nodes], list[Nodes]]:
             results = self.read(p["jaxpr"], [*consts, *carry, *row])
             return results[:n_carry], results[n_carry:]
 
@@ -960,7 +1026,7 @@ class _Builder:
         runs = self._alike_rows(rows, length)
         if p["reverse"]:
             runs = runs[::-1]
-        size = _size(p["jaxpr"].jaxpr)
+        size = self._size(p["jaxpr"].jaxpr)
         for first, last in runs:
             n = last - first
             most = self.most_unrolled if n <= MANY_TURNS else min(self.most_unrolled, MOST_OF_MANY)
@@ -999,7 +1065,7 @@ class _Builder:
 
     def _looped(
         self,
-        turn: Callable[[Any, Sequence[Nodes], Sequence[Nodes]], tuple[list[Nodes], list[Nodes]]],
+        turn: Callable[[Loop, Sequence[Nodes], Sequence[Nodes]], tuple[list[Nodes], list[Nodes]]],
         length: int | None,
         carry: list[Nodes],
         rows: Sequence[Nodes],
@@ -1079,6 +1145,12 @@ class _WindowAxes(NamedTuple):
     of_batching: Sequence[int]
 
 
+def _called(eqn) -> ClosedJaxpr:
+    """The trace that a call runs."""
+    inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
+    return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
+
+
 def _flat(arrays: Iterable[Nodes]) -> list[int]:
     return [node for x in arrays for node in x.ravel().tolist()]
 
@@ -1087,22 +1159,6 @@ def _unflat(nodes: Sequence[int], like: Sequence[Nodes]) -> list[Nodes]:
     ends = list(itertools.accumulate((x.size for x in like), initial=0))
     both = zip(itertools.pairwise(ends), like, strict=True)
     return [np.array(nodes[a:b], np.int64).reshape(x.shape) for (a, b), x in both]
-
-
-def _size(jaxpr) -> int:
-    """About how many operations a trace has, number by number."""
-    size = 0
-    for eqn in jaxpr.eqns:
-        name = eqn.primitive.name
-        if name in _ELEMENTWISE or name == "select_n":
-            size += int(np.prod(eqn.outvars[0].aval.shape))
-        elif name in CALLS:
-            size += _size(called(eqn).jaxpr)
-        elif name == "scan":
-            size += eqn.params["length"] * _size(eqn.params["jaxpr"].jaxpr)
-        elif name == "cond":
-            size += sum(_size(branch.jaxpr) for branch in eqn.params["branches"])
-    return size
 
 
 # -- evaluation with NumPy ---------------------------------------------------------------------------------------------

@@ -696,7 +696,7 @@ class Writer:
     def _read_row(self, f: Function, node: int, loop: Loop) -> str:
         g, dtype = self.graph, self.graph.dtypes[node]
         index = self._index(f, g.details[node])
-        kind, first, step = self._rows_elsewhere(node, loop) or ("own", (), 1)
+        kind, first, step = self._rows_elsewhere(node, loop) or _Rows("own", (), 1)
         if kind == "constant":
             inside, at = np.dtype(np.uint8) if dtype.kind == "b" else dtype, f.new()
             table = self._constant_table([g.constants[n] for n in first], inside)
@@ -793,7 +793,10 @@ class Writer:
         return self._allocate()
 
     def block_ir(self) -> BlockIR:
-        size, k = self.plan(), self._loop_to_split()
+        size = self.plan()
+        # The longest loop of those at which it may be split.
+        may_split = filter(self._may_split, self.bodies)
+        k = max(may_split, key=lambda k: self.scheduler.size((k,)), default=None)
         block, split = Function("block", self.parameters), list[Function]()
         if k is None:
             self.write_calls(block, self.top)
@@ -956,11 +959,6 @@ class Writer:
         loop = self.graph.loops[k]
         is_own = loop.length is None and not loop.is_branch and self.graph.parents[loop.region] == 0
         return self.width > 1 and is_own and self.scheduler.size((k,)) >= LEAST_SPLIT
-
-    def _loop_to_split(self) -> int | None:
-        """The longest of those that may be."""
-        found = [k for k in self.bodies if self._may_split(k)]
-        return max(found, key=lambda k: self.scheduler.size((k,)), default=None)
 
     def _split_at(self, k: int) -> list[Function]:
         """The functions of a split program, see `BlockIR`."""

@@ -11,7 +11,7 @@ from typing import Any
 
 from jaxspatial.engine.graph import Graph
 
-# An operation, by its node, or the number of a loop as (loop,).
+# An operation, by its node, or the number of a loop as (loop,). No checker tells these apart by `type(x) is tuple`.
 Item = Any
 # How many operations one number may take to be computed again. The cheapest that suffice are taken.
 MOST_AGAIN = (4, 16, 64, 128)

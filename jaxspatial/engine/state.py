@@ -185,7 +185,7 @@ class MechanismState:
 
     def mimics(self, bundle: Bundle) -> Numbers:
         """(multiplier, offset) of the coordinates of a bundle: 1 and 0 for those that follow no others."""
-        return self._of_bundle(bundle, self.fields["mimics"])
+        return self.numbers(stacking.rows(self.fields["mimics"], bundle.bodies))
 
     def configuration(self, bundle: Bundle, q: Array) -> Numbers:
         """The numbers of a bundle in q, with quaternions normalised: NaN for length 0.
@@ -205,15 +205,12 @@ class MechanismState:
 
     # -- bodies and joints of a bundle --------------------------------------------------------------------------------
 
-    def _of_bundle(self, bundle: Bundle, array: Array) -> Numbers:
-        """The numbers of a bundle in an array over all bodies: NumPy (n, k), or data (n, k, B)."""
-        return self.numbers(stacking.rows(array, bundle.bodies))
-
     def joint(self, bundle: Bundle) -> JointKind:
         """The JointKind of a bundle, with the parameters of its joints."""
 
         def numbers_of(p: Parameter):
-            x = self._of_bundle(bundle, self.fields[p.field] if p.field else self.fields["parameters"][p.name])
+            of_all = self.fields[p.field] if p.field else self.fields["parameters"][p.name]
+            x = self.numbers(stacking.rows(of_all, bundle.bodies))
             return x if p.size > 1 else x[0]
 
         return bundle.kind(numbers_of, self.known(0.0))

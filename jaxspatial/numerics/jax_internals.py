@@ -1,6 +1,13 @@
 """The parts of JAX that may change without notice: all that the library uses of them is imported here.
 
-What reads traces, `engine.graph`, depends in addition on the names and parameters of operations.
+Some files depend in addition on what stands behind these names:
+
+- `engine.graph` and `engine.xla` on the names and parameters of the operations of a trace,
+- `engine.cpu` on version 0.3 of XLA's foreign function interface, and on the attributes by which XLA splits calls over
+  devices; `engine.cuda` on XLA's call for kernels in PTX,
+- `engine.program`, `engine.derivatives`, `numerics.errorfree.primitives` and `numerics.numbers.rounded` on shardings
+  and manual axes in types of arrays, on what a lowering rule is given, on the rule for dead code, and on the mark of
+  functions that are operations.
 """
 
 from collections.abc import Callable

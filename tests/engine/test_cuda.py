@@ -227,7 +227,7 @@ def ptxas():
 @pytest.mark.parametrize("name", EACH)
 def test_registers_suffice(name, tmp_path):
     """The assembler takes every program, in which nothing, or little, is written to memory for lack of registers."""
-    text = cuda.compiled(kernel(name)[1], 90).replace(str(cuda.N_STATES), "1000")
+    text = cuda.compiled(kernel(name)[1], 90).text.replace(str(cuda.N_STATES), "1000")
     path = tmp_path / "kernel.ptx"
     path.write_text(text)
     command = [ptxas(), "-arch=sm_90", "-v", path, "-o", tmp_path / "kernel.cubin"]
@@ -245,7 +245,7 @@ def test_nothing_is_contracted_flushed_or_approximated(capability):
         product, error = transforms.two_product(x[0], x[1])
         return x[0] * x[1] + x[0] - x[1], x[0] / x[1], jnp.sqrt(x[0]), product, error, jnp.maximum(x[0], x[1])
 
-    text = cuda.compiled(code_of(graph_of(f, x), [x], 50), capability)
+    text = cuda.compiled(code_of(graph_of(f, x), [x], 50), capability).text
     assert f".target sm_{capability}" in text
     assert len(re.findall(r"\bfma\.rn\.f32", text)) == 1
     arithmetic = re.findall(r"\b(?:add|sub|mul|div|sqrt|fma)\.[a-z.]*f32", text)
@@ -255,7 +255,7 @@ def test_nothing_is_contracted_flushed_or_approximated(capability):
 
 def lowered(n, function=PROGRAMS["inverse dynamics"]):
     """The text of a program for a GPU."""
-    cuda.compiled.cache_clear()
+    cuda._COMPILED.clear()
     is_here = mock.patch.object(cuda, "is_available", lambda: True)
     with is_here, mock.patch.object(cuda, "_capability", lambda: 90), jax.enable_x64(False):
         traced = jax.jit(lambda *x: function(*x)).trace(*states(arm(), n))
@@ -277,11 +277,19 @@ def test_a_program_is_one_kernel():
 def test_kernels_are_kept_on_disk():
     """Beside the programs of XLA."""
     code = kernel("inverse dynamics")[1]
-    cuda.compiled.cache_clear()
-    text = cuda.compiled(code, 90)
-    cuda.compiled.cache_clear()
+    cuda._COMPILED.clear()
+    text = cuda.compiled(code, 90).text
+    cuda._COMPILED.clear()
     with mock.patch.object(cpu.llvm, "parse_assembly", None):
-        assert cuda.compiled(code, 90) == text
+        assert cuda.compiled(code, 90).text == text
+
+
+def test_kernels_are_let_go():
+    code = kernel("inverse dynamics")[1]
+    held = cuda.compiled(code, 90)
+    assert cuda.compiled(code, 90) is held
+    del held
+    assert (code, 90) not in cuda._COMPILED
 
 
 def test_without_a_gpu_xla_compiles_and_nothing_is_said():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from jax import lax
 
+import jaxspatial as js
 from jaxspatial.engine import cpu, graph, llvm_ir, program, xla
 from jaxspatial.numerics.errorfree import barrier, transforms
 from jaxspatial.numerics.jax_internals import jaxpr_as_fun
@@ -458,3 +459,35 @@ def test_a_matrix_that_is_not_positive_has_no_factor(pivot):
     (L,) = with_numpy(graph_of(jnp.linalg.cholesky, A), [A])
     assert np.isnan(L.reshape((3, 3))[1, 1])
     assert_xla_has_the_bits(jnp.linalg.cholesky, L.reshape(A.shape), A)
+
+
+# -- how long a trace is -----------------------------------------------------------------------------------------------
+
+
+def _solved(x):
+    A = x @ x.T + 4 * jnp.eye(6, dtype=x.dtype)
+    return lax.linalg.triangular_solve(lax.linalg.cholesky(A, symmetrize_input=False), x, left_side=True, lower=True)
+
+
+# Of x (6, 6).
+SIZED = {
+    "elementwise": lambda x: (barrier.product(x, x), lax.square(x).astype(np.int32)),
+    "product": lambda x: x @ x,
+    "sum": lambda x: jnp.sum(x, 0),
+    "factors": _solved,
+    "while": lambda x: lax.while_loop(lambda x: x[0, 0] < 9, lambda x: x * x + x, x),
+    "branches": lambda x: lax.cond(x[0, 0] < 0, lambda x: x * x, lambda x: x + x, x),
+    "called": jax.jit(lambda x: x * x),
+    "program": lambda x: program.bind(Custom(lambda x: x * x - x / 3), [x[None]], 1)[0],
+    "sums": lambda x: js.shift(js.SpatialForce(tau=x[0, :3], f=x[0, 3:]), x[1, :3], precision="compensated").tau,
+}
+
+
+@pytest.mark.parametrize("name", SIZED)
+def test_a_trace_is_about_as_long_as_its_graph(name):
+    """By this it is decided which loops are unrolled, and which branches are skipped."""
+    closed = jax.make_jaxpr(SIZED[name])(jax.ShapeDtypeStruct((6, 6), F32))
+    g = graph.graph_of(closed, program._expanded)
+    n = sum(x not in ("load", "constant", "carried", "last") for x in g.operations)
+    size = graph._Builder(program._expanded, graph.MOST_UNROLLED, False)._size(closed.jaxpr)
+    assert 0.6 * n <= size <= 2.1 * n, (size, n)

@@ -12,7 +12,6 @@ import numpy as np
 from jax import Array, lax
 
 from jaxspatial.numerics.jax_internals import (
-    ClosedJaxpr,
     Primitive,
     ShapedArray,
     ad,
@@ -24,8 +23,6 @@ from jaxspatial.numerics.jax_internals import (
 )
 
 Tangent = Array | ad.Zero
-# Operations of a trace that call another trace.
-CALLS = {"jit", "closed_call", "custom_jvp_call", "custom_vjp_call", "remat2", "checkpoint"}
 lower_fun = cast(Callable, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
 
@@ -179,12 +176,6 @@ def not_inlined(function: Callable, *arguments):
 
     with set_xla_metadata(inlineable="false"):
         return cast(Any, jax.jit(jaxspatial_call))(*arguments)
-
-
-def called(eqn) -> ClosedJaxpr:
-    """The trace that a call runs."""
-    inner = next(eqn.params[k] for k in ("jaxpr", "call_jaxpr") if k in eqn.params)
-    return inner if isinstance(inner, ClosedJaxpr) else ClosedJaxpr(inner, ())
 
 
 def choice(number: float, shape: tuple[int, ...], dtype) -> Array:
