@@ -27,7 +27,7 @@ from jaxspatial.contact.points import contact_data
 from jaxspatial.contact.tendons import ball_data, tendon_data
 from jaxspatial.contact.term import StepData, TermData
 from jaxspatial.dynamics import steps
-from jaxspatial.engine.algorithm import ExternalForces, Wrenches, checked
+from jaxspatial.engine.algorithm import ExternalForces, checked
 from jaxspatial.engine.composite import composite
 from jaxspatial.engine.derivatives import valued
 from jaxspatial.engine.stacking import Array
@@ -293,7 +293,7 @@ def _step(
     mechanism: Mechanism,
     at: State,
     h: jax.Array,
-    forces: Wrenches,
+    forces: ExternalForces,
     given: _ContactsAndLoops,
     precision: PrecisionName,
 ) -> ConvexStep:
@@ -309,7 +309,7 @@ def _convex_step(
     scene: tuple[Mechanism, _ContactsAndLoops],
     at: State,
     h: jax.Array,
-    forces: Wrenches,
+    forces: ExternalForces,
 ) -> ConvexStep:
     """`_step` of numbers of 32 or 64 bits."""
     (mechanism, given), (q, v, tau) = scene, at
@@ -337,7 +337,7 @@ def _by_way_of_float32(
     mechanism: Mechanism,
     at: State,
     h: jax.Array,
-    forces: Wrenches,
+    forces: ExternalForces,
     given: _ContactsAndLoops,
     precision: PrecisionName,
 ) -> ConvexStep:
@@ -363,7 +363,7 @@ class _Problem(NamedTuple):
     step: StepData
     v: jax.Array
     tau: jax.Array
-    forces: Wrenches
+    forces: ExternalForces
 
     def at_optimum(self, precision: Precision) -> tuple[jax.Array, jax.Array, jax.Array]:
         """(the change of velocities, the residual, the iterations); derivatives by the implicit function theorem."""

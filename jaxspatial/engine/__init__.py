@@ -7,8 +7,8 @@ From a call of `forward_dynamics(mechanism, q, v, tau)` to its result:
    of tangents and pull-backs. On CPUs a program becomes machine code: `graph` makes a graph of single numbers of its
    trace for one state, `llvm_ir` writes that for several states side by side (`registers` puts it into an order that
    needs few registers), and `cpu` compiles and calls it; on NVIDIA GPUs `cuda` does: each is a `machine`. Elsewhere XLA
-   compiles the trace, as `xla` prepares it. A function that calls several algorithms, such as a step in time, becomes one program by
-   `composite`.
+   compiles the trace, as `xla` prepares it. A function that calls several algorithms, such as a step in time, becomes
+   one program by `composite`.
 3. `state` gives the formula the numbers of the mechanism at its coordinates, bundle by bundle, and rounds results once,
    in the order of bodies, generalized velocities or coordinates. `alignment` turns joints to common axes.
 4. `recursion` goes outward and inward over the tree, one loop for each bundle of chains. `matrices` assembles matrices
