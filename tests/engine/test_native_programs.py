@@ -19,6 +19,7 @@ from jax.sharding import PartitionSpec as P
 
 import jaxspatial as js
 from jaxspatial.engine import cpu, graph, llvm_ir, program
+from jaxspatial.numerics.errorfree.primitives import compiled
 from tests.engine.test_cpu import in_order
 from tests.helpers import algorithms, exact_dynamics
 from tests.helpers.marks import slow, slow_but
@@ -76,9 +77,13 @@ def way(name):
         patch.setattr(program, "_natively", _by_numpy if name == "numpy" else counted)
         if name == "xla":
             patch.setattr(cpu, "is_available", lambda: False)
-        program._compiled.cache_clear()
+
+        # A program would remember what was compiled of it in another way.
+        def alone_on(self, n_batch):
+            return compiled(program.program_p, program=self, n_batch=n_batch)
+
+        patch.setattr(program.Program, "alone_on", alone_on)
         yield n_native
-        program._compiled.cache_clear()
 
 
 def run(name, function, *arguments, is_jitted=True):
@@ -379,9 +384,9 @@ def test_an_algorithm_is_one_call(name):
 
 def test_constants_do_not_decide_how_many_states_fill_a_register():
     """Numbers of a mechanism in float64, of which nothing is computed as they are."""
-    widths, written = [], llvm_ir.written
+    widths, ir_of = [], llvm_ir.ir_of
     with pytest.MonkeyPatch.context() as patch, jax.enable_x64(True):
-        patch.setattr(llvm_ir, "written", lambda g, width, *more: widths.append(width) or written(g, width, *more))
+        patch.setattr(llvm_ir, "ir_of", lambda g, width, *more: widths.append(width) or ir_of(g, width, *more))
         for dtype in (F, np.float64):
             tree, x = js.testing.random_mechanism(5, 2, ["revolute"], dtype=dtype), np.ones((2, 2), F)
             jax.jit(lambda x, tree=tree: js.inverse_dynamics(tree, x, x, x)).lower(x)
