@@ -24,6 +24,7 @@ from jaxspatial.mechanism.shapes import (
     local,
 )
 from jaxspatial.numerics import check
+from jaxspatial.numerics.errorfree.primitives import of_any_mesh
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, where
@@ -90,7 +91,7 @@ def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Arra
         >>> print(js.distance(js.Box([2.0, 2.0, 2.0]), js.Sphere(0.5, aside)))
         1.5
     """
-    return _of(a, b, "distance")[0](precision)
+    return of_any_mesh(_of(a, b, "distance")[0])(precision)
 
 
 def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> ClosestPoints:
@@ -120,7 +121,7 @@ def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> Cl
         >>> print(found.point_a, found.point_b)
         [1. 0. 0.] [2.5 0.  0. ]
     """
-    return _of(a, b, "closest_points")[1](precision)
+    return of_any_mesh(_of(a, b, "closest_points")[1])(precision)
 
 
 def _of(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
