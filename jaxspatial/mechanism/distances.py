@@ -24,6 +24,7 @@ from jaxspatial.mechanism.shapes import (
     local,
 )
 from jaxspatial.numerics import check, floats
+from jaxspatial.numerics.errorfree.primitives import of_any_mesh
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Matrix, Pose, Vector, cross, dot, scaled, unit
 from jaxspatial.numerics.numbers import Number, Numbers, constant, halved, high, where
@@ -91,7 +92,7 @@ def distance(a: Shape, b: Shape, *, precision: PrecisionName = None) -> jax.Arra
         1.5
     """
     apart, _ = _distance_and_points(a, b, "distance")
-    return apart(precision)
+    return of_any_mesh(apart)(precision)
 
 
 def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> ClosestPoints:
@@ -122,7 +123,7 @@ def closest_points(a: Shape, b: Shape, *, precision: PrecisionName = None) -> Cl
         [1. 0. 0.] [2.5 0.  0. ]
     """
     _, points = _distance_and_points(a, b, "closest_points")
-    return points(precision)
+    return of_any_mesh(points)(precision)
 
 
 def _distance_and_points(a, b, what: str) -> tuple[Callable[..., Any], Callable[..., Any]]:

@@ -16,6 +16,7 @@ from jax.core import Tracer
 
 from jaxspatial.numerics import floats, linear
 from jaxspatial.numerics.errorfree.barrier import barrier
+from jaxspatial.numerics.errorfree.primitives import of_any_mesh
 from jaxspatial.numerics.linear import Articulated, Inertia, Matrix, Motion, Pose, Summed, Wrench
 from jaxspatial.numerics.numbers import Corrected, Number, Rounded, components, high, is_number
 from jaxspatial.numerics.numbers.components import Components
@@ -127,6 +128,7 @@ def _applied(function: Callable, groups: Sequence, vectors: Iterable):
     return list(result) if isinstance(result, _GROUPS) else result
 
 
+@of_any_mesh
 def _run_with_zeros(run: Callable, function: Callable, precision: Precision, groups, static, *arrays):
     """Runs a formula as `run` does; if all Components are zero, it computes with arrays, and returns only known zeros
     as Components."""

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 
 from jaxspatial.numerics import floats
 from jaxspatial.numerics.check import require_kind
-from jaxspatial.numerics.errorfree.primitives import choice
+from jaxspatial.numerics.errorfree.primitives import choice, of_any_mesh
 from jaxspatial.numerics.errorfree.scaling import exponent, times_power_of_two
 from jaxspatial.numerics.formula import formula
 from jaxspatial.numerics.linear import Summed, Wrench, cross, dot
@@ -116,6 +116,7 @@ def central_axis(F_P_E: SpatialForce, *, precision: PrecisionName = None) -> Cen
 
 
 @functools.partial(jax.jit, static_argnums=0, inline=True)
+@of_any_mesh
 def _central_axis(precision: Precision, tau, f) -> tuple:
     """(pitch, point), computed with parts scaled to about 1: nothing over- or underflows before the result does."""
     tau_high, f_high = (unstack(jnp.asarray(jax.tree.leaves(x)[0])) for x in (tau, f))

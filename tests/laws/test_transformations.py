@@ -128,6 +128,20 @@ def test_batch_by_broadcasting_and_by_nested_vmap(name):
         assert_same_bits(interpreted(transformed)(*inputs), expected)
 
 
+@pytest.mark.parametrize("name", slow_but(DISTINCT, OPERATIONS))
+def test_a_batch_is_split_along_an_explicit_axis_of_the_mesh_in_the_context(name):
+    """With constants that are made on the way."""
+    operation = OPERATIONS[name]
+    mesh = jax.make_mesh((1,), ("batch",), axis_types=(jax.sharding.AxisType.Explicit,))
+    given = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in operation.arrays((2,), np.float32)]
+    expected = jax.eval_shape(operation.on_arrays(), *given)
+    with jax.set_mesh(mesh):
+        split = [x.update(sharding=jax.NamedSharding(mesh, jax.P("batch"))) for x in given]
+        found = jax.eval_shape(operation.on_arrays(), *split)
+    assert [x.shape for x in found] == [x.shape for x in expected]
+    assert any("batch" in x.sharding.spec for x in found)
+
+
 @pytest.mark.parametrize("name", slow_but([name for name in OF_SEVERAL if name in DISTINCT], OF_SEVERAL))
 def test_one_item_is_shared_by_a_batch(name):
     operation = OPERATIONS[name]

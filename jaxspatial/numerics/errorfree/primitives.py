@@ -4,12 +4,13 @@ import contextlib
 import functools
 import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
+from jax.sharding import AxisType
 
 from jaxspatial.numerics.jax_internals import (
     Primitive,
@@ -22,6 +23,7 @@ from jaxspatial.numerics.jax_internals import (
     set_xla_metadata,
 )
 
+T = TypeVar("T")
 Tangent = Array | ad.Zero
 lower_fun = cast(Callable, mlir.lower_fun)
 _NO_MESH = jax.sharding.AbstractMesh((), ())
@@ -204,6 +206,21 @@ def computed_at_once() -> Iterator[None]:
     outside of `jit`. Traced numbers may not come in."""
     with eval_context(), jax.ensure_compile_time_eval(), jax.sharding.use_abstract_mesh(_NO_MESH):
         yield
+
+
+def of_any_mesh(function: Callable[..., T]) -> Callable[..., T]:
+    """The function, in which constants have no sharding, and go with arrays that are split along explicit axes. Those
+    of the mesh in the context would be whole."""
+
+    @functools.wraps(function)
+    def call(*arguments, **options):
+        types = jax.sharding.get_abstract_mesh().axis_types
+        if AxisType.Explicit not in types or AxisType.Manual in types:
+            return function(*arguments, **options)
+        with jax.sharding.use_abstract_mesh(_NO_MESH):
+            return function(*arguments, **options)
+
+    return call
 
 
 def n_devices(context) -> int:
