@@ -423,6 +423,7 @@ def _check_law(axis_type, offset, how):
             result = compiled(*args)
             assert all(leaf.sharding.spec[0] == "batch" for leaf in jax.tree.leaves(result))
             _assert_equal(result, expected)
+        _assert_equal(jax.jit(lambda F: F.sum())(F_), F.sum())  # gathered before
         gradient = jax.jit(_gradient(shift, dot)).lower(F_, V_, p_).compile()
         assert offset == "shared" or re.findall(COLLECTIVES, gradient.as_text()) == []
         of_F, of_V, of_p = gradient(F_, V_, p_)

@@ -51,7 +51,7 @@ def by_halving(merge: Callable, limbs: Sequence[jax.Array], axis: int, neutral: 
 
     Each of the first half is added to one of the second, of as many as a power of two.
     """
-
+    limbs = [_whole(x, axis) for x in limbs]
     if not is_sized(limbs[0].shape[axis : axis + 1]):
         return _by_halving_of_any_size(merge, limbs, axis, neutral)
 
@@ -78,6 +78,15 @@ def _by_halving_of_any_size(merge: Callable, limbs: Sequence[Array], axis: int, 
     # Steps behind the last item are taken for n, where there is nothing.
     steps = jnp.asarray(np.array([2**k for k in reversed(range(31))], np.int32))
     return tuple(lax.slice_in_dim(x, 0, 1, axis=axis) for x in lax.scan(one_round, list(limbs), steps)[0])
+
+
+def _whole(x: Array, axis: int) -> Array:
+    """The array, gathered along this axis where a mesh splits it explicitly: halves on one device would be others."""
+    sharding = jax.typeof(x).sharding
+    if sharding.spec[axis] is None:
+        return x
+    spec = jax.sharding.PartitionSpec(*(None if k == axis else s for k, s in enumerate(sharding.spec)))
+    return jax.sharding.reshard(x, jax.NamedSharding(sharding.mesh, spec))
 
 
 def _padded(x: Array, axis: int, neutral: float) -> Array:
