@@ -109,7 +109,9 @@ def algorithm(
             fields = {name: getattr(mechanism, name) for name in reads}
             leaves, tree = jax.tree.flatten((fields, arguments[: len(arrays)]))
             trees, is_rigid = (tree, tree.children()[0]), not len(mechanism.topology)
-            return run(operation, formula, resolve(precision), mechanism, reads, leaves, *trees, options, is_rigid)
+            return run_formula(
+                operation, formula, resolve(precision), mechanism, reads, leaves, *trees, options, is_rigid
+            )
 
         vars(call).update(formula=formula)
         return call
@@ -314,14 +316,14 @@ class Algorithm(Differentiable):
         # Known only now that the program has been traced.
         return jax.tree.unflatten(self.out_tree, leaves)
 
-    def alone(self) -> Callable[[int, list], Any]:
-        """The program outside of any other, compiled, as a function of (n_batch, data)."""
+    def compiled_call(self) -> Callable[[int, list], Any]:
+        """A call outside of any other program: a function of (n_batch, data)."""
 
         def made() -> Callable[[int, list], Any]:
             own: Any = InJaxCaches(self)
             return jax.jit(lambda n_batch, data: Algorithm.__call__(own, data, n_batch), static_argnums=0)
 
-        return self.cached("alone", made)
+        return self.cached("compiled call", made)
 
     def constants(self, data: Sequence[Aval], n_batch: int):
         """The results, with n_batch axes of size 1, where no number of the data is part of them."""
@@ -440,7 +442,7 @@ def program_cache(mechanism: Mechanism | None, reads: tuple, tree, leaves: Seque
     return cache
 
 
-def run(
+def run_formula(
     operation: str,
     formula: Callable,
     precision: Precision,
@@ -484,7 +486,7 @@ def run(
     if is_traced:
         return made(data, n_batch)
     _warn_of_many_programs(operation, cache, (formula, tree, static, dtype))
-    return made.alone()(n_batch, data)
+    return made.compiled_call()(n_batch, data)
 
 
 def _with_batch_axes(x, is_field: bool, n_batch: int):

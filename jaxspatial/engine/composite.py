@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from jaxspatial.engine import program
-from jaxspatial.engine.algorithm import Algorithm, contents, run
+from jaxspatial.engine.algorithm import Algorithm, contents, run_formula
 from jaxspatial.numerics.precision import Precision
 
 
@@ -67,7 +67,7 @@ def composite(function: Callable) -> Callable[..., Any]:
         own = (contents(x) for x in jax.tree.leaves(scene[1:]) if isinstance(x, np.ndarray))
         of_scene, options = tree.children()[0], tuple(sorted(static.items()))
         reads, mechanism = ("composite", of_scene, *own), scene[0] if scene else None
-        return run(name, function, precision, mechanism, reads, leaves, tree, of_scene, options)
+        return run_formula(name, function, precision, mechanism, reads, leaves, tree, of_scene, options)
 
     return call
 

@@ -948,7 +948,7 @@ class _Builder:
                 size += self._size(p["jaxprs"].solve.jaxpr)
             elif name in _CALLS:
                 size += self._size(_called(eqn).jaxpr)
-            else:
+            elif name not in _MOVED and name not in _UNCHANGED:
                 size += self._size_within(eqn)
         return size
 

@@ -77,11 +77,10 @@ class Program:
         found = self._derived
         return found[key] if key in found else found.setdefault(key, maker())
 
-    def alone_on(self, n_batch: int) -> Callable[..., list[jax.Array]]:
-        """The program outside of any other, as a function of arrays."""
-        return self.cached(
-            ("alone on", n_batch), lambda: compiled(program_p, program=InJaxCaches(self), n_batch=n_batch)
-        )
+    def compiled_primitive(self, n_batch: int) -> Callable[..., list[jax.Array]]:
+        """The primitive with this program, outside of any other program: a function of arrays."""
+        own = InJaxCaches(self)
+        return self.cached(("primitive", n_batch), lambda: compiled(program_p, program=own, n_batch=n_batch))
 
     def traced(self, avals: Sequence[Aval]) -> "Traced":
         """The trace of the program, made once for the same shapes.
@@ -450,7 +449,7 @@ def _lower(machine: Machine[Any] | None, context, *arrays, program: Program, n_b
 program_p: Any = Primitive("jaxspatial_program")
 program_p.multiple_results = True
 program_p.def_abstract_eval(_abstract)
-program_p.def_impl(lambda *arrays, program, n_batch: program.alone_on(n_batch)(*arrays))
+program_p.def_impl(lambda *arrays, program, n_batch: program.compiled_primitive(n_batch)(*arrays))
 mlir.register_lowering(program_p, functools.partial(_lower, None))
 mlir.register_lowering(program_p, functools.partial(_lower, cpu), platform="cpu")
 mlir.register_lowering(program_p, functools.partial(_lower, cuda), platform="cuda")

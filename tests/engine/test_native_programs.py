@@ -79,10 +79,10 @@ def way(name):
             patch.setattr(cpu, "is_available", lambda: False)
 
         # A program would remember what was compiled of it in another way.
-        def alone_on(self, n_batch):
+        def compiled_primitive(self, n_batch):
             return compiled(program.program_p, program=self, n_batch=n_batch)
 
-        patch.setattr(program.Program, "alone_on", alone_on)
+        patch.setattr(program.Program, "compiled_primitive", compiled_primitive)
         yield n_native
 
 
