@@ -25,7 +25,7 @@ from jax.core import Tracer
 
 from jaxspatial.engine import program
 from jaxspatial.engine.derivatives import Differentiable
-from jaxspatial.engine.program import Aval, InJaxCaches
+from jaxspatial.engine.program import Aval
 from jaxspatial.engine.stacking import Array, Shape
 from jaxspatial.engine.state import MechanismState, is_vector
 from jaxspatial.mechanism import AppliedForces, Mechanism
@@ -316,15 +316,6 @@ class Algorithm(Differentiable):
         # Known only now that the program has been traced.
         return jax.tree.unflatten(self.out_tree, leaves)
 
-    def compiled_call(self) -> Callable[[int, list], Any]:
-        """A call outside of any other program: a function of (n_batch, data)."""
-
-        def made() -> Callable[[int, list], Any]:
-            own: Any = InJaxCaches(self)
-            return jax.jit(lambda n_batch, data: Algorithm.__call__(own, data, n_batch), static_argnums=0)
-
-        return self.cached("compiled call", made)
-
     def constants(self, data: Sequence[Aval], n_batch: int):
         """The results, with n_batch axes of size 1, where no number of the data is part of them."""
 
@@ -395,7 +386,9 @@ class ManyProgramsWarning(UserWarning):
 class ProgramCache:
     """The programs that were made for one set of constants: the fields of a mechanism that an algorithm reads.
 
-    Mechanisms with equal constants share one cache, and its programs live as long as such a mechanism.
+    Mechanisms with equal constants share one cache, and its programs live as long as such a mechanism. Compiled calls
+    are stored here and not in the programs, which JAX's own caches would then keep alive for good. They hold their
+    programs: the trace of a caller that has such a call may be all that is left of a mechanism.
 
     called: of programs that ran on their own, what does not depend on the constants.
     """
@@ -403,6 +396,7 @@ class ProgramCache:
     def __init__(self, topology: Topology, known: tuple[np.ndarray | None, ...]):
         self.topology, self.known = topology, known
         self.programs, self.called = dict[Hashable, Algorithm](), set[Hashable]()
+        self.calls: dict[Algorithm, Callable[[int, list], Any]] = {}
 
     def program(self, formula, precision: Precision, tree, known: tuple, static: Static, dtype: np.dtype) -> Algorithm:
         """The program of an algorithm. known: the constants among all leaves of the tree."""
@@ -411,6 +405,12 @@ class ProgramCache:
         if key not in self.programs:
             self.programs[key] = formula.program_class(formula, precision, self, tree, known, static, dtype)
         return self.programs[key]
+
+    def call(self, program: Algorithm) -> Callable[[int, list], Any]:
+        """A program as a compiled function of (n_batch, data), outside of any transformation."""
+        if program not in self.calls:
+            self.calls[program] = jax.jit(lambda n_batch, data: program(data, n_batch), static_argnums=0)
+        return self.calls[program]
 
 
 def contents(x: np.ndarray | None):
@@ -486,7 +486,7 @@ def run_formula(
     if is_traced:
         return made(data, n_batch)
     _warn_of_many_programs(operation, cache, (formula, tree, static, dtype))
-    return made.compiled_call()(n_batch, data)
+    return cache.call(made)(n_batch, data)
 
 
 def _with_batch_axes(x, is_field: bool, n_batch: int):

@@ -9,6 +9,7 @@ import warnings
 import weakref
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -92,6 +93,22 @@ def test_a_linear_map_keeps_its_programs_without_the_mechanism():
     assert np.isfinite(linear(Q)).all() and linear(Q).shape == forces.shape and len(programs()) == len(before) + 1
     del linear
     assert len(programs()) == len(before)
+
+
+@pytest.mark.parametrize("step", [False, True], ids=["an algorithm", "a composite"])
+def test_a_trace_keeps_programs_of_what_it_knows(step):
+    """A mechanism that is made while a caller's function is traced is gone when the function runs."""
+    q = np.float32([0.1, 0.2])
+
+    def of_nothing_but_constants(x):
+        arm = js.testing.random_mechanism(0, 2, ["revolute"], dtype=np.float32)
+        return x * (js.semi_implicit_step(arm, q, q, q, 0.1)[0] if step else js.mass_matrix(arm, q)[0])
+
+    x, expected = jnp.float32(2), of_nothing_but_constants(np.float32(2))
+    traced = jax.make_jaxpr(of_nothing_but_constants)(x)
+    gc.collect()
+    for found in (*jax.core.eval_jaxpr(traced.jaxpr, traced.consts, x), jax.jit(of_nothing_but_constants)(x)):
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_a_second_robot_of_the_same_structure_is_not_traced_again():
