@@ -79,8 +79,11 @@ class Program:
 
     def compiled_primitive(self, n_batch: int) -> Callable[..., list[jax.Array]]:
         """The primitive with this program, outside of any other program: a function of arrays."""
-        own = InJaxCaches(self)
-        return self.cached(("primitive", n_batch), lambda: compiled(program_p, program=own, n_batch=n_batch))
+
+        def made() -> Callable[..., list[jax.Array]]:
+            return compiled(program_p, program=InJaxCaches(self), n_batch=n_batch)
+
+        return self.cached(("primitive", n_batch), made)
 
     def traced(self, avals: Sequence[Aval]) -> "Traced":
         """The trace of the program, made once for the same shapes.
