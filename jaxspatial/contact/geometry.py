@@ -64,9 +64,11 @@ def checked_pairs(operation: str, mechanism: Mechanism, q: Array, pairs) -> Pair
     what = f"{operation}: pairs"
     if not isinstance(pairs, tuple) or len(pairs) != 2:
         check.refuse(what, "(a, b), two PointContacts, or ShapeContacts and PointContacts", pairs)
-    is_shape = isinstance(pairs[0], ShapeContacts)
-    refuse_double_words(operation, pairs=pairs)
-    a = floats.narrowed(pairs[0]) if is_shape else checked_contacts(operation, pairs[0], "pairs")
+    if isinstance(pairs[0], ShapeContacts):
+        refuse_double_words(operation, pairs=pairs[0])
+        a = floats.narrowed(pairs[0])
+    else:
+        a = checked_contacts(operation, pairs[0], "pairs")
     b = checked_contacts(operation, pairs[1], "pairs")
     for x in (a, b):
         check.require_same_dtype(q=q, pairs=x)

@@ -323,7 +323,7 @@ def _convex_step(
     step = StepData(v0, lax.stop_gradient(wide_h * vdot), wide_h, tuple(data.values()))
     problem = _Problem(mechanism, q, step, v, tau, forces)
     # The iteration has numbers of one limb.
-    narrow = resolve(precision).of_one_limb
+    narrow = precision.of_one_limb
     y, residual, iterations = problem.at_optimum(narrow)
     acts = jnp.broadcast_to((iterations > 0)[..., None], y.shape)
     after = valued(v0 + y, lax.stop_gradient(jnp.where(acts, v0 + y, v_free)))

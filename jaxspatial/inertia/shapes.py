@@ -330,6 +330,7 @@ def middle_of(corners: jax.Array) -> jax.Array:
     """
     x = from_double_word(corners)
     x = x if isinstance(x, np.ndarray) else lax.stop_gradient(x)
+    # In two steps: of an array that is split explicitly, JAX reshapes axes only by splitting or by merging.
     x = x.reshape((*x.shape[:-1], 3, 3)).reshape((*x.shape[:-2], -1, 3))
     return x.min(-2, keepdims=True) / 2 + x.max(-2, keepdims=True) / 2
 
